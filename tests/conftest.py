@@ -1,0 +1,53 @@
+"""What every test shares: where LLVM comes from, how many threads, and where random numbers start."""
+
+from __future__ import annotations
+
+import os
+
+import numpy as np
+import pytest
+
+# Before anything imports Dr.Jit, which takes the first LLVM it finds at that moment.
+from urushi import llvm
+from urushi.errors import UrushiError
+
+SEED = 20240731
+"""Where all random numbers of the suite start. It is never changed to make a test pass."""
+
+UNDER_XDIST = "PYTEST_XDIST_WORKER" in os.environ
+
+try:
+    LLVM = llvm.ensure()
+except UrushiError as error:  # the tests that need no LLVM still run
+    LLVM = None
+    NO_LLVM = str(error)
+
+if UNDER_XDIST and LLVM is not None:
+    # Each worker is a process of its own: with all of Dr.Jit's threads as well they would only wait
+    # for each other. Child processes of the tests are told through the environment, where one can.
+    import drjit as dr
+
+    dr.set_thread_count(1)
+
+
+@pytest.fixture
+def seed() -> int:
+    """The seed of the suite."""
+    return SEED
+
+
+@pytest.fixture
+def rng() -> np.random.Generator:
+    """A generator that starts anew, from the suite's seed, in every test that asks for it."""
+    return np.random.default_rng(SEED)
+
+
+@pytest.fixture
+def mi():
+    """Mitsuba in the variant `llvm_ad_rgb`; skips the test where no LLVM can be had."""
+    if LLVM is None:
+        pytest.skip(NO_LLVM)
+    import mitsuba
+
+    mitsuba.set_variant("llvm_ad_rgb")
+    return mitsuba
