@@ -1,0 +1,52 @@
+"""Urushi: layered materials for rendering.
+
+Describe a stack of layers (`Stack` of `Dielectric`, `Medium`, `Conductor`, `Diffuse`), as Python or as a small YAML
+file; `solve` turns it into a BSDF by one of three methods that check one another: ``adding`` (deterministic),
+``lobes`` (fast) and ``walk`` (unbiased).
+
+    import urushi as ur
+
+    stack = ur.Stack(name="lacquer", layers=[ur.Dielectric(ior=1.5, alpha=0.1), ur.Diffuse(reflectance=0.3)])
+    bsdf = ur.solve(stack, method="walk")
+
+Importing this package is light: Dr.Jit, Mitsuba and matplotlib are imported when something needs them.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+from urushi.errors import MaterialError, UnsupportedStack, UrushiError
+from urushi.io import load, presets, save, schema
+from urushi.stack import (
+    Conductor,
+    Dielectric,
+    Diffuse,
+    HenyeyGreenstein,
+    Isotropic,
+    Medium,
+    Rayleigh,
+    Stack,
+    Texture,
+)
+
+if TYPE_CHECKING:
+    from urushi.solvers import solve
+
+__version__ = "0.1.0"
+
+__all__ = ["Conductor", "Dielectric", "Diffuse", "HenyeyGreenstein", "Isotropic", "MaterialError", "Medium", "Rayleigh"]
+__all__ += ["Stack", "Texture", "UnsupportedStack", "UrushiError", "load", "presets", "save", "schema", "solve"]
+
+
+def __getattr__(name: str) -> Any:
+    """Names that live in heavier modules, imported on first use."""
+    if name == "solve":
+        from urushi.solvers import solve
+
+        return solve
+    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+
+
+def __dir__() -> list[str]:
+    return sorted([*globals(), "solve"])
