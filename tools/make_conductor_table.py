@@ -27,7 +27,9 @@ def main() -> None:
     import mitsuba as mi
 
     mi.set_variant("llvm_ad_rgb")
-    mi.set_log_level(mi.LogLevel.Error)  # it warns of channels that it clamps; the docstring of ior.py says so
+    mi.set_log_level(
+        mi.LogLevel.Error
+    )  # it warns of channels that it clamps; the docstring of ior.py says so
     folder = Path(mi.__file__).parent / "data" / "ior"
     names = sorted(path.name.removesuffix(".eta.spd") for path in folder.glob("*.eta.spd"))
     rows = ["name,eta_r,eta_g,eta_b,k_r,k_g,k_b"]

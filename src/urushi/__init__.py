@@ -35,8 +35,12 @@ if TYPE_CHECKING:
 
 __version__ = "0.1.0"
 
-__all__ = ["Conductor", "Dielectric", "Diffuse", "HenyeyGreenstein", "Isotropic", "MaterialError", "Medium", "Rayleigh"]
-__all__ += ["Stack", "Texture", "UnsupportedStack", "UrushiError", "load", "presets", "save", "schema", "solve"]
+# fmt: off
+__all__ = [
+    "Conductor", "Dielectric", "Diffuse", "HenyeyGreenstein", "Isotropic", "MaterialError", "Medium", "Rayleigh",
+    "Stack", "Texture", "UnsupportedStack", "UrushiError", "load", "presets", "save", "schema", "solve",
+]
+# fmt: on
 
 
 def __getattr__(name: str) -> Any:

@@ -39,12 +39,15 @@ def load(source: str | os.PathLike[str]) -> Stack:
     try:
         text = os.fspath(source)
     except TypeError:
-        raise MaterialError(f"found {shown(source)}; allowed: the path of a material file, or 'preset:NAME'") from None
+        raise MaterialError(
+            f"found {shown(source)}; allowed: the path of a material file, or 'preset:NAME'"
+        ) from None
     if isinstance(text, str) and text.startswith("preset:"):
         name = text.removeprefix("preset:")
         if name not in presets():
             raise MaterialError(
-                f"unknown preset; {close(name, presets())}allowed: {', '.join(presets())}", where=f"preset:{name}"
+                f"unknown preset; {close(name, presets())}allowed: {', '.join(presets())}",
+                where=f"preset:{name}",
             )
         path = _PRESETS / f"{name}.yaml"
     else:
@@ -88,7 +91,9 @@ def _stack(root: Node, folder: Path) -> Stack:
     data = root.data
     if not isinstance(data, dict):
         found = "an empty file" if data is None else f"a {type(data).__name__} at the top"
-        raise MaterialError(f"found {found}; allowed: a mapping with the keys urushi, {', '.join(Stack.model_fields)}")
+        raise MaterialError(
+            f"found {found}; allowed: a mapping with the keys urushi, {', '.join(Stack.model_fields)}"
+        )
     if "urushi" not in data:
         near = close(next(iter(data), ""), ["urushi"])
         raise MaterialError(f"missing; {near}allowed: the version of the format, {VERSION}", where="urushi")
@@ -146,20 +151,25 @@ def _read(path: Path) -> str:
         with path.open("rb") as stream:
             content = stream.read(_LARGEST + 1)
     except FileNotFoundError:
-        hint = f"did you mean 'preset:{path.stem}'?" if path.stem in presets() else "allowed: a file that exists"
+        hint = (
+            f"did you mean 'preset:{path.stem}'?" if path.stem in presets() else "allowed: a file that exists"
+        )
         raise MaterialError(f"there is no such file; {hint}") from None
     except OSError as error:
         raise MaterialError(f"cannot be read: {error.strerror}") from None
     except ValueError:
         raise MaterialError("is no path; allowed: a path without null characters") from None
     if len(content) > _LARGEST:
-        raise MaterialError(f"has more than {_LARGEST} bytes; allowed: a material file, which has a few hundred")
+        raise MaterialError(
+            f"has more than {_LARGEST} bytes; allowed: a material file, which has a few hundred"
+        )
     try:
         return content.decode("utf-8-sig")
     except UnicodeDecodeError as error:
         line = content.count(b"\n", 0, error.start) + 1
         raise MaterialError(
-            f"found byte 0x{content[error.start]:02x}, which is not UTF-8; allowed: UTF-8 text", where=f"line {line}"
+            f"found byte 0x{content[error.start]:02x}, which is not UTF-8; allowed: UTF-8 text",
+            where=f"line {line}",
         ) from None
 
 
@@ -244,4 +254,4 @@ def presets() -> list[str]:
 
 def schema() -> dict[str, Any]:
     """JSON schema (draft 2020-12) of a material file, for editors and other tools."""
-    return file_schema()
+    return file_schema(Stack)

@@ -42,7 +42,9 @@ class _Layers(Rule):
     def read(self, value: Any) -> tuple[Layer, ...]:
         """A tuple of layers; only the last may be opaque."""
         if not isinstance(value, list | tuple) or not 1 <= len(value) <= self.most:
-            raise self.refuse(value, f"which has {len(value)} layers" if isinstance(value, list | tuple) else "")
+            raise self.refuse(
+                value, f"which has {len(value)} layers" if isinstance(value, list | tuple) else ""
+            )
         layers = []
         for index, item in enumerate(value):
             try:
@@ -63,7 +65,11 @@ class _Layers(Rule):
             )
         if opaque and opaque[0] != len(layers) - 1:
             base, below = opaque[0], layers[opaque[0] + 1 :]
-            places = f"layers[{base + 1}]" if len(below) == 1 else f"layers[{base + 1}] to layers[{len(layers) - 1}]"
+            places = (
+                f"layers[{base + 1}]"
+                if len(below) == 1
+                else f"layers[{base + 1}] to layers[{len(layers) - 1}]"
+            )
             kinds = ", ".join(dict.fromkeys(layer.called() for layer in below))
             raise MaterialError(
                 f"{layers[base].called()} is opaque, nothing can lie below it: remove {places} ({kinds})",
@@ -152,9 +158,13 @@ class Stack(Description):
             MaterialError: an unknown name, or a value that is not allowed.
         """
         if not isinstance(changes, Mapping):
-            raise MaterialError(f"found {shown(changes)}; allowed: a mapping of names such as layer_0.alpha to values")
+            raise MaterialError(
+                f"found {shown(changes)}; allowed: a mapping of names such as layer_0.alpha to values"
+            )
         own = [name for name in type(self).model_fields if name != "layers"]
-        known = {f"layer_{i}.{name}" for i, layer in enumerate(self.layers) for name in _names(layer)} | set(own)
+        known = {f"layer_{i}.{name}" for i, layer in enumerate(self.layers) for name in _names(layer)} | set(
+            own
+        )
         for name in changes:
             if name not in known:
                 listed = ", ".join(dict.fromkeys([*self.parameters(), *own]))
@@ -178,7 +188,10 @@ class Stack(Description):
         """The cross-section in words, one layer a line, for a terminal."""
         above = "air" if self.exterior == 1.0 else f"index {self.exterior:g}"
         rows = [(above, "")]
-        rows += [(f"{index}  {layer.kind.replace('_', ' ')}", _said(layer)) for index, layer in enumerate(self.layers)]
+        rows += [
+            (f"{index}  {layer.kind.replace('_', ' ')}", _said(layer))
+            for index, layer in enumerate(self.layers)
+        ]
         if not self.layers[-1].opaque:
             rows.append(("open", "transmits"))
         width = max(len(left) for left, _ in rows)
@@ -191,7 +204,11 @@ class Stack(Description):
     def __repr__(self) -> str:
         rules = type(self).rules()
         said = {name: value for name, value in self.spoken().items() if name != "name" or value}
-        return "Stack(\n" + "".join(f"    {name}={rules[name].source(value)},\n" for name, value in said.items()) + ")"
+        return (
+            "Stack(\n"
+            + "".join(f"    {name}={rules[name].source(value)},\n" for name, value in said.items())
+            + ")"
+        )
 
     __str__ = __repr__
 
@@ -223,7 +240,9 @@ def _changed(piece: Any, changes: Mapping[str, Any]) -> Any:
     for name in {name.partition(".")[0] for name in changes if "." in name}:
         inner = {key.partition(".")[2]: value for key, value in changes.items() if key.startswith(f"{name}.")}
         if name in values:
-            raise MaterialError(f"found both {name} and {name}.{next(iter(inner))}; allowed: one of them", where=name)
+            raise MaterialError(
+                f"found both {name} and {name}.{next(iter(inner))}; allowed: one of them", where=name
+            )
         try:
             values[name] = _changed(getattr(piece, name), inner)
         except MaterialError as error:
@@ -260,8 +279,8 @@ def parameter_table() -> list[dict[str, Any]]:
         ``source`` of the default.
     """
     rows = []
-    pieces: list[tuple[str, type[Description]]] = [("stack", Stack), *LAYERS.items(), *PHASES.items()]
-    for kind, piece in [*pieces, ("texture", Texture)]:
+    pieces: dict[str, type[Description]] = {"stack": Stack, **LAYERS, **PHASES, "texture": Texture}
+    for kind, piece in pieces.items():
         for name, rule in piece.rules().items():
             if isinstance(rule, Parameter):
                 field = piece.model_fields[name]

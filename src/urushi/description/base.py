@@ -253,8 +253,8 @@ class Registered(Rule):
 
     def read(self, value: Any) -> Description:
         """The instance."""
-        if isinstance(value, tuple(self.registry.values())):
-            return value  # type: ignore[no-any-return]
+        if isinstance(value, Description) and isinstance(value, tuple(self.registry.values())):
+            return value
         if isinstance(value, str):
             value = {value: None}
         if not isinstance(value, Mapping):

@@ -187,7 +187,9 @@ class Conductor(Layer):
                 f"{missing} missing; allowed: material (a name such as Au), or both eta and k",
                 where="material" if not given else "k" if given == ["eta"] else "eta",
             )
-        if not named and any(n == 0.0 == k for n, k in zip(_three(values["eta"]), _three(values["k"]), strict=True)):
+        if not named and any(
+            n == 0.0 == k for n, k in zip(_three(values["eta"]), _three(values["k"]), strict=True)
+        ):
             raise MaterialError(
                 f"found eta {shown(values['eta'])} and k {shown(values['k'])}, both 0 in the same channel; "
                 "allowed: an index that is not 0 (a perfect mirror is material 'none')",
@@ -217,7 +219,12 @@ class Diffuse(Layer):
     reflectance: Annotated[
         Colour,
         Parameter(
-            0.0, 1.0, size=3, colour=True, meaning="fraction of the light that returns", source="Mitsuba's default, 0.5"
+            0.0,
+            1.0,
+            size=3,
+            colour=True,
+            meaning="fraction of the light that returns",
+            source="as in Mitsuba",
         ),
     ] = 0.5
     normal: NormalVector = None
@@ -243,9 +250,7 @@ class Medium(Layer):
     depth: Annotated[
         Colour | None, Parameter(0.0, 1e6, size=3, meaning="optical depth, along the normal")
     ] = None
-    albedo: Annotated[
-        Colour, Parameter(0.0, 1.0, size=3, colour=True, meaning="single-scattering albedo")
-    ]
+    albedo: Annotated[Colour, Parameter(0.0, 1.0, size=3, colour=True, meaning="single-scattering albedo")]
     phase: Annotated[
         Phase, Registered(PHASES, "phase function", meaning="how the medium scatters into directions")
     ] = Isotropic()
@@ -260,7 +265,8 @@ class Medium(Layer):
         ),
     ] = None
     sigma_t: Annotated[
-        Colour | None, Parameter(0.0, 1e9, size=3, unit="1/length", meaning="extinction coefficient, with thickness")
+        Colour | None,
+        Parameter(0.0, 1e9, size=3, unit="1/length", meaning="extinction coefficient, with thickness"),
     ] = None
 
     @classmethod
@@ -269,7 +275,8 @@ class Medium(Layer):
         given = [name for name in ("thickness", "sigma_t") if values[name] is not None]
         if values["depth"] is not None and given:
             raise MaterialError(
-                f"found depth and {' and '.join(given)}; allowed: depth, or thickness and sigma_t", where=given[0]
+                f"found depth and {' and '.join(given)}; allowed: depth, or thickness and sigma_t",
+                where=given[0],
             )
         if values["depth"] is not None:
             return
@@ -296,7 +303,7 @@ class Medium(Layer):
         """
         if self.depth is not None:
             return self.depth
-        product = _optical_depth(self.thickness, self.sigma_t)
+        product: Colour | None = _optical_depth(self.thickness, self.sigma_t)
         if product is None:
             raise MaterialError(
                 f"found thickness {shown(self.thickness)} and sigma_t {shown(self.sigma_t)}, whose product "
@@ -324,5 +331,7 @@ def _optical_depth(thickness: Any, sigma_t: Any) -> Any:
     return thickness * sigma_t
 
 
-LAYERS: dict[str, type[Description]] = {layer.kind: layer for layer in (Dielectric, Conductor, Diffuse, Medium)}
+LAYERS: dict[str, type[Description]] = {
+    layer.kind: layer for layer in (Dielectric, Conductor, Diffuse, Medium)
+}
 """Every interface and medium, by its name in material files."""

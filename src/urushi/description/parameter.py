@@ -115,7 +115,9 @@ class Parameter(Rule):
         """In words."""
         parts = [f"a number from {self.low:g} to {self.high:g}"]
         if self.size:
-            parts.append("a list of three such numbers (RGB)" if self.size == 3 else "a list of two such numbers")
+            parts.append(
+                "a list of three such numbers (RGB)" if self.size == 3 else "a list of two such numbers"
+            )
         if self.texture:
             parts.append("a texture")
         return " or ".join([", ".join(parts[:-1]), parts[-1]] if len(parts) > 1 else parts)
@@ -266,7 +268,9 @@ class Texture(Description):
     ] = 1.0
     raw: Annotated[
         bool | None,
-        Choice(None, False, True, meaning="the image holds the numbers themselves, not an sRGB-encoded colour"),
+        Choice(
+            None, False, True, meaning="the image holds the numbers themselves, not an sRGB-encoded colour"
+        ),
     ] = None
 
     @property

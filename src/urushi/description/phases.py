@@ -28,7 +28,9 @@ class HenyeyGreenstein(Description):
 
     g: Annotated[
         float | Texture,
-        Parameter(-0.999, 0.999, meaning="mean cosine of the scattering angle", why_one="one g serves every colour"),
+        Parameter(
+            -0.999, 0.999, meaning="mean cosine of the scattering angle", why_one="one g serves every colour"
+        ),
     ]
 
 
@@ -40,5 +42,7 @@ class Rayleigh(Description):
 
 Phase = Isotropic | HenyeyGreenstein | Rayleigh
 
-PHASES: dict[str, type[Description]] = {phase.kind: phase for phase in (Isotropic, HenyeyGreenstein, Rayleigh)}
+PHASES: dict[str, type[Description]] = {
+    phase.kind: phase for phase in (Isotropic, HenyeyGreenstein, Rayleigh)
+}
 """Every phase function, by its name in material files."""

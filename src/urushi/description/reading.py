@@ -166,7 +166,9 @@ class _Builder:
             key, seen = event.value, self.seen[-1]
             self.key[-1], self.wanting[-1] = key, True
             if key in seen:
-                raise self._refusal(f"found the key {shown(key)} again, first on line {seen[key]}; allowed: once", line)
+                raise self._refusal(
+                    f"found the key {shown(key)} again, first on line {seen[key]}; allowed: once", line
+                )
             seen[key] = line
             return
         value = event.value if event.style is not None else self._plain(event.value, line)
@@ -220,7 +222,9 @@ def _parse_json(text: str) -> Node:
         ) from None
     except _Repeated as error:
         key = str(error)
-        raise MaterialError(f"found the key {shown(key)} twice; allowed: once", where=key[:60] or "the file") from None
+        raise MaterialError(
+            f"found the key {shown(key)} twice; allowed: once", where=key[:60] or "the file"
+        ) from None
     except RecursionError:
         raise MaterialError(f"nested deeper than {DEEPEST} levels", where="the file") from None
     return _node(data, "", 0, [0])

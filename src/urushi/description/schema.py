@@ -8,19 +8,21 @@ from urushi.description.base import Description
 from urushi.description.layers import LAYERS
 from urushi.description.parameter import Texture
 from urushi.description.phases import PHASES
-from urushi.stack import Stack
 
 VERSION = 1
 """Version of the file format."""
 
 
-def file_schema() -> dict[str, Any]:
+def file_schema(stack: type[Description]) -> dict[str, Any]:
     """JSON schema (draft 2020-12) of a material file, for editors and other tools.
 
     It says what each value may be; what needs several values at once (a base comes last, ``depth`` or ``thickness``)
     is for `urushi.load` to check.
+
+    Args:
+        stack: the class at the top of the file.
     """
-    top = _object(Stack)
+    top = _object(stack)
     version = {"const": VERSION, "description": "version of the file format"}
     return {
         "$schema": "https://json-schema.org/draft/2020-12/schema",
@@ -71,4 +73,8 @@ def _object(piece: type[Description]) -> dict[str, Any]:
 
 def _renamed(body: dict[str, Any], old: str, new: str) -> dict[str, Any]:
     properties = {new if name == old else name: entry for name, entry in body["properties"].items()}
-    return {**body, "properties": properties, "required": [new if name == old else name for name in body["required"]]}
+    return {
+        **body,
+        "properties": properties,
+        "required": [new if name == old else name for name in body["required"]],
+    }

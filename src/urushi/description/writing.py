@@ -17,7 +17,9 @@ def yaml_text(document: dict[str, Data]) -> str:
     for key, value in document.items():
         if key == "layers":
             lines.append("layers:")
-            lines += [f"  - {_key(kind)}: {_flow(fields)}" for layer in value for kind, fields in layer.items()]
+            lines += [
+                f"  - {_key(kind)}: {_flow(fields)}" for layer in value for kind, fields in layer.items()
+            ]
         else:
             lines.append(f"{_key(key)}: {_flow(value)}")
     return "\n".join(lines) + "\n"
@@ -69,5 +71,5 @@ def _quoted(text: str) -> str:
         elif letter.isprintable() and code <= 0xFFFF:
             letters.append(letter)
         else:
-            letters.append(f"\\x{code:02x}" if code <= 0xFF else f"\\u{code:04x}" if code <= 0xFFFF else f"\\U{code:08x}")
+            letters.append(f"\\u{code:04x}" if code <= 0xFFFF else f"\\U{code:08x}")
     return '"' + "".join(letters) + '"'

@@ -90,7 +90,9 @@ def _check(name: str) -> None:
     if name not in names:
         near = difflib.get_close_matches(str(name), names, n=3)
         hint = f"did you mean {' or '.join(near)}? " if near else ""
-        raise MaterialError(f"unknown conductor {name!r}; {hint}allowed: {', '.join(names)}", where="material")
+        raise MaterialError(
+            f"unknown conductor {name!r}; {hint}allowed: {', '.join(names)}", where="material"
+        )
 
 
 @functools.cache
@@ -117,5 +119,6 @@ def _spectrum(name: str, part: str) -> tuple[NDArray[np.float64], NDArray[np.flo
             table = np.loadtxt(path, dtype=np.float64, comments="#", ndmin=2)
             return table[:, 0], table[:, 1]
     raise MaterialError(
-        f"the spectral table of {name} comes with the package mitsuba, which is not installed here", where="material"
+        f"the spectral table of {name} comes with the package mitsuba, which is not installed here",
+        where="material",
     )
