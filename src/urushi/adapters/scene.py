@@ -93,7 +93,7 @@ def _hero(bsdf: dict[str, Any], shape: str) -> dict[str, Any]:
 
 
 def _stage(form: str) -> dict[str, Any]:
-    """The floor, with a backdrop ("sweep") or without ("floor"); it carries a checkerboard of half-unit squares that fades away from the hero."""
+    """The floor, with a backdrop ("sweep") or without ("floor"); its half-unit squares fade with distance."""
     import mitsuba as mi
 
     pixels, unit = 1536, 12.0  # the texture's square covers `unit` of the floor, centred on the origin

@@ -1,0 +1,68 @@
+"""What the commands share: how errors look, how a material is named on the command line."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from rich.console import Console
+
+from urushi.errors import UrushiError
+
+if TYPE_CHECKING:
+    from urushi.stack import Stack
+
+DEBUG = False
+"""Whether `--debug` was given."""
+
+MATERIAL = "A material file (.yaml, .json), or preset:NAME."
+
+
+class WrongUsage(UrushiError):
+    """The command line asks for something that cannot be; exit status 2."""
+
+
+def fail(text: str) -> None:
+    """Say in one line, on standard error, what went wrong."""
+    console = Console(stderr=True, highlight=False, soft_wrap=True)
+    console.print("error: ", style="bold red", end="")
+    console.print(text, markup=False)
+
+
+def load(material: str) -> Stack:
+    """The stack that the command line names.
+
+    Raises:
+        WrongUsage: there is no such preset or file.
+        MaterialError: the file is not a valid description.
+    """
+    import urushi
+
+    if material.startswith("preset:"):
+        if (name := material.removeprefix("preset:")) not in urushi.presets():
+            raise WrongUsage(f"there is no preset {name!r}; there are: {', '.join(urushi.presets())}")
+    elif not Path(material).is_file():
+        hint = f"; the preset of that name is preset:{material}" if material in urushi.presets() else ""
+        raise WrongUsage(f"there is no material file {material!r}{hint}")
+    return urushi.load(material)
+
+
+def writable(path: Path, suffixes: tuple[str, ...]) -> Path:
+    """`path`, after its ending and its folder have been checked and the folder made if need be.
+
+    Raises:
+        WrongUsage: another ending, or a place that cannot be written to.
+    """
+    import os
+
+    if path.suffix.lower() not in suffixes:
+        raise WrongUsage(f"cannot write {str(path)!r}: the name must end in {' or '.join(suffixes)}")
+    if path.is_dir():
+        raise WrongUsage(f"cannot write {str(path)!r}: it is a folder")
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise WrongUsage(f"cannot make the folder {str(path.parent)!r}: {error.strerror}") from None
+    if not os.access(path.parent, os.W_OK):
+        raise WrongUsage(f"cannot write to the folder {str(path.parent)!r}")
+    return path.with_suffix(path.suffix.lower())
