@@ -285,9 +285,10 @@ class Medium(Layer):
             raise MaterialError(
                 f"{missing} missing; allowed: depth, or both thickness and sigma_t", where=missing.split()[0]
             )
-        product = _optical_depth(values["thickness"], values["sigma_t"])
+        if any(isinstance(values[name], Texture) for name in given):
+            return  # what an image holds is for the solver to read
         deepest = cls.rules()["depth"].high  # type: ignore[attr-defined]
-        if product is not None and not isinstance(product, Texture) and max(_three(product)) > deepest:
+        if max(_three(_optical_depth(values["thickness"], values["sigma_t"]))) > deepest:
             raise MaterialError(
                 f"found thickness {shown(values['thickness'])} times sigma_t {shown(values['sigma_t'])}; "
                 f"allowed: a product (the optical depth) of at most {deepest:g}",

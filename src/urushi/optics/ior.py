@@ -13,7 +13,7 @@ from __future__ import annotations
 import csv
 import difflib
 import functools
-import importlib.util
+from importlib.machinery import PathFinder
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -111,7 +111,8 @@ def _spectrum(name: str, part: str) -> tuple[NDArray[np.float64], NDArray[np.flo
     """Wavelengths and values of Mitsuba's table of ``eta`` or ``k``."""
     import numpy as np
 
-    spec = importlib.util.find_spec("mitsuba")
+    # The finder itself, since an imported Mitsuba has replaced its module object by one without a location.
+    spec = PathFinder.find_spec("mitsuba")
     folders = list(spec.submodule_search_locations or ()) if spec else []
     for folder in folders:
         path = Path(folder) / "data" / "ior" / f"{name}.{part}.spd"
