@@ -30,7 +30,7 @@ def render(
     Args:
         scene: a Mitsuba scene.
         spp: samples per pixel in all, at least 1.
-        seed: where the random numbers start; the same seed gives the same picture.
+        seed: where the random numbers start; the same seed gives the same picture, up to rounding.
         advance: called after each pass with the samples per pixel done so far, and `spp`.
 
     Returns:
@@ -52,8 +52,16 @@ def render(
     return (total / spp).astype(np.float32)
 
 
+def invalid(image: Image) -> int:
+    """How many pixels of a picture (h, w, c) are infinite or not a number."""
+    return int(np.sum(~np.all(np.isfinite(image), axis=-1)))
+
+
 def tonemap(image: Image) -> npt.NDArray[np.uint8]:
-    """Linear (h, w, c) to 8-bit sRGB: exact up to `SHOULDER`, above it highlights roll off smoothly to 1."""
+    """Linear (h, w, c) to 8-bit sRGB: exact up to `SHOULDER`, above it highlights roll off to 1.
+
+    What is not a number becomes black; `invalid` counts it.
+    """
     x = np.nan_to_num(np.maximum(image[..., :3], 0.0), nan=0.0, posinf=1e6)
     room = 1.0 - SHOULDER
     x = np.where(x > SHOULDER, 1.0 - room * np.exp(-(np.maximum(x, SHOULDER) - SHOULDER) / room), x)

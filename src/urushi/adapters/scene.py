@@ -116,25 +116,30 @@ def _stage(form: str) -> dict[str, Any]:
 
 
 def _studio() -> dict[str, Any]:
-    """A large key softbox from the left, a tall strip from the right, one overhead behind, and a faint fill."""
+    """A large key softbox from the left, a tall strip from the right, one overhead behind, and a faint fill.
+
+    The sampling weights follow what each light adds to the picture; they change its noise, not its mean.
+    """
     return {
-        "key": _softbox([-5.8, -3.6, 4.4], [0, 0, 1.0], 1.7, 2.2, 13.0),
-        "strip": _softbox([6.0, -0.6, 3.2], [0, 0, 1.2], 0.55, 2.6, 11.0),
-        "back": _softbox([0.6, 4.6, 7.2], [0, 0, 0.8], 3.2, 1.1, 9.0),
-        "fill": {"type": "constant", "radiance": _grey(0.22)},
+        "key": _softbox([-5.8, -3.6, 4.4], [0, 0, 1.0], (1.7, 2.2), radiance=13.0, weight=3.0),
+        "strip": _softbox([6.0, -0.6, 3.2], [0, 0, 1.2], (0.55, 2.6), radiance=11.0, weight=1.0),
+        "back": _softbox([0.6, 4.6, 7.2], [0, 0, 0.8], (3.2, 1.1), radiance=9.0, weight=2.0),
+        "fill": {"type": "constant", "radiance": _grey(0.22), "sampling_weight": 0.5},
     }
 
 
-def _softbox(origin: list[float], target: list[float], width: float, height: float, radiance: float) -> dict:
-    """A rectangle of half-extents `width` and `height` that shines towards `target`."""
+def _softbox(
+    origin: list[float], target: list[float], half: tuple[float, float], radiance: float, weight: float
+) -> dict[str, Any]:
+    """A rectangle of half-extents `half` that shines towards `target`."""
     import mitsuba as mi
 
     to_world = mi.ScalarTransform4f().look_at(origin=origin, target=target, up=[0, 0, 1])
     return {
         "type": "rectangle",
-        "to_world": to_world.scale([width, height, 1.0]),
+        "to_world": to_world.scale([*half, 1.0]),
         "bsdf": {"type": "diffuse", "reflectance": _grey(0.0)},
-        "emitter": {"type": "area", "radiance": _grey(radiance)},
+        "emitter": {"type": "area", "radiance": _grey(radiance), "sampling_weight": weight},
     }
 
 

@@ -6,10 +6,19 @@ always mean; then the BSDF of the given id is replaced before anything is instan
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 from typing import Any
 
 from urushi.errors import UrushiError
+
+
+def said(error: RuntimeError) -> str:
+    """What Mitsuba's error says; of one that a Python plugin raised, only what the plugin said."""
+    text = str(error).strip()
+    if "Traceback (most recent call last)" in text:
+        return re.sub(r"^[\w.]+: ", "", text.splitlines()[-1])
+    return re.sub(r"\[\w+\.cpp:\d+\] ", "", text)
 
 
 class SceneFile:
@@ -33,7 +42,7 @@ class SceneFile:
         try:
             self._state = mi.parser.parse_file(self._config, str(path))
         except RuntimeError as error:
-            raise UrushiError(f"{path} is not a scene that Mitsuba can read: {error}") from None
+            raise UrushiError(f"{path} is not a scene that Mitsuba can read: {said(error)}") from None
 
     def materials(self) -> list[str]:
         """The ids of the BSDFs in the file, in its order; one without an id cannot be named."""
@@ -80,7 +89,7 @@ class SceneFile:
         try:
             loaded = mi.parser.instantiate(self._config, self._state)
         except RuntimeError as error:
-            raise UrushiError(f"{self.path}: {error}") from None
+            raise UrushiError(f"{self.path}: {said(error)}") from None
         return loaded[0] if isinstance(loaded, list) else loaded
 
     def _bsdfs(self) -> list[Any]:

@@ -13,6 +13,9 @@ import typer
 from urushi.cli import check, common, info, presets, render, schema
 from urushi.errors import UrushiError
 
+INTERRUPTED = 130
+"""Exit status after Ctrl-C, as shells have it."""
+
 app = typer.Typer(
     name="urushi",
     help="Layered materials for rendering.",
@@ -55,6 +58,8 @@ def main() -> None:
             raise
         common.fail(str(error))
         sys.exit(2 if isinstance(error, common.WrongUsage) else 1)
-    except KeyboardInterrupt:
+    except (KeyboardInterrupt, SystemExit) as end:
+        if isinstance(end, SystemExit) and end.code != INTERRUPTED:
+            raise
         common.fail("interrupted; nothing was written")
-        sys.exit(130)
+        sys.exit(INTERRUPTED)

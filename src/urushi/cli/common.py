@@ -24,8 +24,17 @@ class WrongUsage(UrushiError):
 
 def fail(text: str) -> None:
     """Say in one line, on standard error, what went wrong."""
+    _say("error", "bold red", text)
+
+
+def warn(text: str) -> None:
+    """Say in one line, on standard error, what the user should know about a result."""
+    _say("warning", "bold yellow", text)
+
+
+def _say(kind: str, style: str, text: str) -> None:
     console = Console(stderr=True, highlight=False, soft_wrap=True)
-    console.print("error: ", style="bold red", end="")
+    console.print(f"{kind}: ", style=style, end="")
     console.print(text, markup=False)
 
 

@@ -5,17 +5,15 @@ from __future__ import annotations
 import os
 import time
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal
+from typing import Any, Literal
 
 import typer
 
 from urushi.cli import backend, common, progress
 from urushi.cli.common import WrongUsage
+from urushi.errors import UrushiError
 
-if TYPE_CHECKING:
-    from urushi.adapters.scene_file import SceneFile
-
-SPP = 64
+SPP = 128
 SIZE = (512, 512)
 
 
@@ -31,7 +29,7 @@ def command(
     name: str | None = typer.Option(
         None, "--material", help="With --scene: the id of the BSDF that the material replaces."
     ),
-    spp: int | None = typer.Option(None, help="Samples per pixel; else 64, or what the scene file says."),
+    spp: int | None = typer.Option(None, help="Samples per pixel; else 128, or what the scene file says."),
     size: str | None = typer.Option(None, help="Pixels, as 640x480 or 512; else 512, or the scene file's."),
     light: Literal["studio", "sky", "constant"] | None = typer.Option(
         None, help="Light of the built-in scene; else studio."
@@ -75,6 +73,8 @@ def command(
             loaded = _replaced(scene, name, bsdf, pixels)
         total = spp or (SPP if scene is None else int(loaded.sensors()[0].sampler().sample_count()))
         image = picture.render(loaded, total, seed, advance)
+    if bad := picture.invalid(image):
+        common.warn(f"{bad} pixels are infinite or not a number")
     notes = {"material": material, "method": method, "spp": str(total), "seed": str(seed)}
     picture.write(image, path, {f"urushi.{key}": value for key, value in notes.items()})
     height, width = image.shape[:2]
@@ -94,15 +94,19 @@ def _builtin(bsdf: dict[str, Any], size: tuple[int, int], light: str, shape: str
     import mitsuba as mi
 
     from urushi.adapters.scene import scene
+    from urushi.adapters.scene_file import said
 
-    return mi.load_dict(scene(bsdf, size=size, light=light, shape=shape))
+    try:
+        return mi.load_dict(scene(bsdf, size=size, light=light, shape=shape))
+    except RuntimeError as error:
+        raise UrushiError(said(error)) from error
 
 
 def _replaced(path: Path, name: str | None, bsdf: dict[str, Any], size: tuple[int, int] | None) -> Any:
     """The user's scene with the BSDF called `name` exchanged."""
     from urushi.adapters.scene_file import SceneFile
 
-    file: SceneFile = SceneFile(path)
+    file = SceneFile(path)
     if name not in (ids := file.materials()):
         asked = "--material is needed with --scene" if name is None else f"the scene has no BSDF {name!r}"
         raise WrongUsage(f"{asked}; {path} has {', '.join(ids) or 'none with an id'}")
