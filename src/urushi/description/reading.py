@@ -134,10 +134,11 @@ class _Builder:
         """The path of the value being read."""
         place = ""
         for node, key in zip(self.open, self.key, strict=True):
+            last = node is self.open[-1]
             if isinstance(node.data, list):
-                # a collection inside the list is placed when it begins, a scalar when it is complete
-                place += f"[{len(node.data) - (node is not self.open[-1])}]"
-            elif key is not None:
+                # A collection inside the list is placed when it begins, a scalar when it is complete.
+                place += f"[{len(node.data) - (not last)}]"
+            elif key is not None and (self.wanting[-1] or not last):
                 place += f".{key}" if place else key
         return place[:200]
 

@@ -7,7 +7,7 @@ import re
 
 from urushi.description.base import Data
 
-_SAFE = re.compile(r"[A-Za-z][A-Za-z0-9_./-]*( [A-Za-z0-9_./-]+)*")
+_SAFE = re.compile(r"(\.\./)*[A-Za-z][A-Za-z0-9_./-]*( [A-Za-z0-9_./-]+)*")
 _RESERVED = {"null", "true", "false", "yes", "no", "on", "off", "y", "n"}
 
 
