@@ -1,0 +1,78 @@
+"""What every interface promises to the solvers, and the rotation of its tangent frame."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from dataclasses import dataclass
+from typing import Any, Literal
+
+import drjit as dr
+
+from ..optics.vectors import Array, Vector, rotate
+
+Part = Literal["both", "reflect", "transmit"]
+
+
+@dataclass
+class Scatter:
+    """One sampled event at an interface.
+
+    Attributes:
+        o: outgoing direction (o.z > 0 reflected, o.z < 0 transmitted).
+        weight: flux density over sampling density; 0 where the sample is void.
+        pdf: density of `o` per solid angle, the choice between reflection and transmission included when both were
+            possible; meaningless on delta lanes.
+        through: mask of the transmitted lanes (a plain bool where that is certain).
+    """
+
+    o: Vector
+    weight: Array
+    pdf: Array
+    through: Any
+
+
+class Interface(ABC):
+    """One boundary with its numbers. See the package docstring for frames and units."""
+
+    opaque: bool = False
+    flat: bool = False
+    delta: Any = False
+
+    @abstractmethod
+    def reflect(self, w: Vector, o: Vector, above: bool, part: Part = "both") -> tuple[Array, Array]:
+        """Flux density of reflection from w to o (both z > 0), and the density of sampling o with `part` allowed."""
+
+    @abstractmethod
+    def transmit(self, w: Vector, o: Vector, above: bool, part: Part = "both") -> tuple[Array, Array]:
+        """Flux density of transmission from w (z > 0) to o (z < 0), and the density of sampling o."""
+
+    @abstractmethod
+    def sample(self, w: Vector, u: tuple[Array, Array, Array], above: bool, part: Part = "both") -> Scatter:
+        """Sample an outgoing direction; `u` are three numbers in [0, 1), the first chooses what happens."""
+
+    @abstractmethod
+    def smooth_energy(self, cos: Array, above: bool) -> tuple[Array, Array]:
+        """Reflectance and transmittance of the delta parts at this cosine of incidence; (0, 0) where rough."""
+
+    @abstractmethod
+    def lobe(self, cos: Array, above: bool) -> tuple[Array, Array, Array]:
+        """A rough guess of (reflectance, transmittance, roughness) for planning importance sampling."""
+
+
+class Frame:
+    """The tangent frame of an anisotropic interface: turned by an angle about the normal.
+
+    Args:
+        degrees: rotation of the x axis of the roughness towards y; a number or one per lane.
+    """
+
+    def __init__(self, degrees: Array) -> None:
+        self.turned = not (isinstance(degrees, (int, float)) and degrees == 0)
+        if self.turned:
+            self.sin, self.cos = dr.sincos(degrees * (dr.pi / 180))
+
+    def enter(self, w: Vector) -> Vector:
+        return rotate(w, self.cos, -self.sin) if self.turned else w
+
+    def leave(self, w: Vector) -> Vector:
+        return rotate(w, self.cos, self.sin) if self.turned else w

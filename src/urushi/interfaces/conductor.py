@@ -1,0 +1,74 @@
+"""A metal, smooth or rough (Cook & Torrance 1982 with the microfacets of `optics.microfacet`)."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import drjit as dr
+
+from ..optics.fresnel import fresnel_conductor
+from ..optics.microfacet import Microfacets
+from ..optics.vectors import Array, Vector, negate, reflect
+from .base import Frame, Interface, Part, Scatter
+
+
+class BoundConductor(Interface):
+    """A conductor under a medium of index `exterior`.
+
+    Args:
+        eta, k: absolute complex index eta - i k; a number or a colour, one or one per lane.
+        exterior: absolute index of what lies above.
+        facets: the rough surface, or None when smooth.
+        delta: True when smooth, False when rough, or a mask of smooth lanes.
+        frame: rotation of the tangent frame.
+    """
+
+    opaque = True
+
+    def __init__(
+        self, eta: Array, k: Array, exterior: Array, facets: Microfacets | None, delta: Any, frame: Frame
+    ) -> None:
+        self.eta = eta / exterior
+        self.k = k / exterior
+        self.facets = facets
+        self.delta = delta
+        self.frame = frame
+
+    def reflect(self, w: Vector, o: Vector, above: bool, part: Part = "both") -> tuple[Array, Array]:
+        if self.facets is None:
+            return 0 * w.x, 0 * w.x
+        w, o = self.frame.enter(w), self.frame.enter(o)
+        m = dr.normalize(w + o)
+        sigma = self.facets.sigma(w)
+        pdf = self.facets.density(m) * dr.rcp(4 * sigma)
+        seen = (w.z > 0) & (o.z > 0)
+        if self.delta is not False:
+            seen &= negate(self.delta)
+        pdf = dr.select(seen, pdf, 0)
+        fresnel = fresnel_conductor(dr.dot(w, m), self.eta, self.k)
+        return fresnel * (pdf * self.facets.masked(w, o, sigma)), pdf
+
+    def transmit(self, w: Vector, o: Vector, above: bool, part: Part = "both") -> tuple[Array, Array]:
+        return 0 * w.x, 0 * w.x
+
+    def sample(self, w: Vector, u: tuple[Array, Array, Array], above: bool, part: Part = "both") -> Scatter:
+        if self.facets is None:
+            o = type(w)(-w.x, -w.y, w.z)
+            return Scatter(o, fresnel_conductor(w.z, self.eta, self.k), 0 * w.x, False)
+        w = self.frame.enter(w)
+        m = self.facets.sample(w, u[1], u[2])
+        o = reflect(w, m)
+        sigma = self.facets.sigma(w)
+        fresnel = fresnel_conductor(dr.clip(dr.dot(w, m), 0, 1), self.eta, self.k)
+        kept = dr.select(o.z > 0, self.facets.masked(w, o, sigma), 0)
+        return Scatter(self.frame.leave(o), fresnel * kept, self.facets.density(m) * dr.rcp(4 * sigma), False)
+
+    def smooth_energy(self, cos: Array, above: bool) -> tuple[Array, Array]:
+        fresnel = fresnel_conductor(cos, self.eta, self.k)
+        return dr.select(self.delta, fresnel, 0), 0 * cos
+
+    def lobe(self, cos: Array, above: bool) -> tuple[Array, Array, Array]:
+        alpha = 0 * cos
+        if self.facets is not None:
+            alpha = dr.maximum(self.facets.alpha_x, self.facets.alpha_y) + 0 * cos
+        return fresnel_conductor(cos, self.eta, self.k), 0 * cos, alpha

@@ -1,0 +1,114 @@
+"""The boundary of two dielectrics, smooth or rough, from both sides (Walter et al. 2007).
+
+The index ratio, its inverse from below, and the squared ratio in the Jacobian of refraction are handled here and
+nowhere else.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import drjit as dr
+
+from ..optics.fresnel import fresnel_dielectric
+from ..optics.microfacet import Microfacets
+from ..optics.vectors import Array, Vector, negate, reflect, refract
+from .base import Frame, Interface, Part, Scatter
+
+
+class BoundDielectric(Interface):
+    """A dielectric boundary.
+
+    Args:
+        eta: absolute index below over absolute index above.
+        facets: the rough surface, or None when smooth.
+        delta: True when smooth, False when rough, or a mask of the lanes that are smooth or index-matched.
+        frame: rotation of the tangent frame.
+    """
+
+    def __init__(self, eta: Array, facets: Microfacets | None, delta: Any, frame: Frame) -> None:
+        self.eta = eta
+        self.inv_eta = 1 / eta
+        self.facets = facets
+        self.delta = delta
+        self.frame = frame
+
+    def ratio(self, above: bool) -> Array:
+        """Index beyond the boundary over the index on the incident side."""
+        return self.eta if above else self.inv_eta
+
+    def _rough(self, mask: Any) -> Any:
+        return mask if self.delta is False else mask & negate(self.delta)
+
+    def reflect(self, w: Vector, o: Vector, above: bool, part: Part = "both") -> tuple[Array, Array]:
+        if self.facets is None:
+            return 0 * w.x, 0 * w.x
+        w, o = self.frame.enter(w), self.frame.enter(o)
+        m = dr.normalize(w + o)
+        sigma = self.facets.sigma(w)
+        visible = self.facets.density(m) * dr.rcp(4 * sigma)
+        visible = dr.select(self._rough((w.z > 0) & (o.z > 0)), visible, 0)
+        fresnel, _ = fresnel_dielectric(dr.dot(w, m), self.ratio(above), self.ratio(not above))
+        value = fresnel * visible * self.facets.masked(w, o, sigma)
+        return value, visible if part == "reflect" else fresnel * visible
+
+    def transmit(self, w: Vector, o: Vector, above: bool, part: Part = "both") -> tuple[Array, Array]:
+        if self.facets is None:
+            return 0 * w.x, 0 * w.x
+        w, o, eta = self.frame.enter(w), self.frame.enter(o), self.ratio(above)
+        m = w + eta * o
+        m = m * (dr.rsqrt(dr.maximum(dr.squared_norm(m), 1e-20)) * dr.select(m.z < 0, -1.0, 1.0))
+        cos_w, cos_o = dr.dot(w, m), -dr.dot(o, m)
+        crossed = self._rough((w.z > 0) & (o.z < 0) & (cos_w > 0) & (cos_o > 0))
+        sigma = self.facets.sigma(w)
+        jacobian = dr.square(eta) * cos_o / dr.maximum(dr.square(cos_w - eta * cos_o), 1e-20)
+        visible = self.facets.density(m) * cos_w * dr.rcp(sigma) * jacobian
+        visible = dr.select(crossed, visible, 0)
+        fresnel, _ = fresnel_dielectric(dr.select(crossed, cos_w, 1.0), eta, self.ratio(not above))
+        up = type(o)(o.x, o.y, dr.maximum(-o.z, 0))
+        value = (1 - fresnel) * visible * self.facets.masked(w, up, sigma)
+        return value, visible if part == "transmit" else (1 - fresnel) * visible
+
+    def sample(self, w: Vector, u: tuple[Array, Array, Array], above: bool, part: Part = "both") -> Scatter:
+        w, facets = self.frame.enter(w), self.facets
+        eta, inv_eta = self.ratio(above), self.ratio(not above)
+        m = type(w)(0, 0, 1) if facets is None else facets.sample(w, u[1], u[2])
+        cos_w = w.z if facets is None else dr.clip(dr.dot(w, m), 0, 1)
+        fresnel, cos_t = fresnel_dielectric(cos_w, eta, inv_eta)
+        through: Any = part == "transmit"
+        weight = 1.0 + 0 * w.x
+        if part == "both":
+            through = u[0] >= fresnel
+        else:
+            weight = 1 - fresnel if through else fresnel
+        if part == "both":
+            o = dr.select(through, refract(w, m, cos_w, cos_t, inv_eta), reflect(w, m))
+        else:
+            o = refract(w, m, cos_w, cos_t, inv_eta) if through else reflect(w, m)
+        if facets is None:
+            return Scatter(o, weight, 0 * w.x, through)
+        sigma = facets.sigma(w)
+        up = type(o)(o.x, o.y, dr.abs(o.z))
+        right = dr.select(through, o.z < 0, o.z > 0)
+        kept = facets.masked(w, up, sigma)
+        reflected = 0.25
+        refracted = dr.square(eta) * cos_w * cos_t / dr.maximum(dr.square(cos_w - eta * cos_t), 1e-20)
+        pdf = facets.density(m) * dr.rcp(sigma) * dr.select(through, refracted, reflected)
+        if part == "both":
+            pdf = pdf * dr.select(through, 1 - fresnel, fresnel)
+        if self.delta is not False:
+            # An index-matched boundary is invisible: nothing shadows anything there.
+            kept = dr.select(self.delta, 1.0, kept)
+            right = right | self.delta
+        return Scatter(self.frame.leave(o), dr.select(right, weight * kept, 0), pdf, through)
+
+    def smooth_energy(self, cos: Array, above: bool) -> tuple[Array, Array]:
+        fresnel, _ = fresnel_dielectric(cos, self.ratio(above), self.ratio(not above))
+        return dr.select(self.delta, fresnel, 0), dr.select(self.delta, 1 - fresnel, 0)
+
+    def lobe(self, cos: Array, above: bool) -> tuple[Array, Array, Array]:
+        fresnel, _ = fresnel_dielectric(cos, self.ratio(above), self.ratio(not above))
+        alpha = 0 * cos
+        if self.facets is not None:
+            alpha = dr.maximum(self.facets.alpha_x, self.facets.alpha_y) + 0 * cos
+        return fresnel, 1 - fresnel, alpha

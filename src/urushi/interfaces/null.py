@@ -1,0 +1,33 @@
+"""No interface at all: an index-matched boundary, which all light crosses straight on."""
+
+from __future__ import annotations
+
+from ..optics.vectors import Array, Vector
+from .base import Interface, Part, Scatter
+
+
+class Null(Interface):
+    """The boundary of a medium that nothing covers, or between two media of the same index."""
+
+    delta = True
+
+    def reflect(self, w: Vector, o: Vector, above: bool, part: Part = "both") -> tuple[Array, Array]:
+        return 0 * w.x, 0 * w.x
+
+    def transmit(self, w: Vector, o: Vector, above: bool, part: Part = "both") -> tuple[Array, Array]:
+        return 0 * w.x, 0 * w.x
+
+    def sample(self, w: Vector, u: tuple[Array, Array, Array], above: bool, part: Part = "both") -> Scatter:
+        weight = 0 * w.x if part == "reflect" else 1 + 0 * w.x
+        through = part != "reflect"
+        o = -w if through else type(w)(-w.x, -w.y, w.z)
+        return Scatter(o, weight, 0 * w.x, through)
+
+    def smooth_energy(self, cos: Array, above: bool) -> tuple[Array, Array]:
+        return 0 * cos, 1 + 0 * cos
+
+    def lobe(self, cos: Array, above: bool) -> tuple[Array, Array, Array]:
+        return 0 * cos, 1 + 0 * cos, 0 * cos
+
+    def ratio(self, above: bool) -> Array:
+        return 1.0

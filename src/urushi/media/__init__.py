@@ -1,0 +1,17 @@
+"""Media: what happens to light between two interfaces.
+
+A medium is a slab of given optical depth. It answers two questions about light that starts inside it in some
+direction: how much arrives at the boundary unscattered, and where and with what weight it meets a particle instead.
+A new medium is one file with such a class and one line in `MEDIA`.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+from .homogeneous import BoundMedium, inverse_cosine
+
+#: the class that binds the numbers of each described medium
+MEDIA: dict[str, Any] = {"medium": BoundMedium}
+
+__all__ = ["MEDIA", "BoundMedium", "inverse_cosine"]

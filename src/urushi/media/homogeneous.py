@@ -1,0 +1,128 @@
+"""A homogeneous, absorbing and scattering slab.
+
+A position is `t`: 0 at the top of the slab, 1 at its bottom. Optical depths are along the normal, so a path under the
+cosine mu sees depth / mu.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import drjit as dr
+
+from ..optics.vectors import Array, Vector, channels, total
+
+
+#: the smallest cosine told from 0
+GRAZING = 1e-9
+
+
+def inverse_cosine(w: Vector) -> Array:
+    """1 / |cos theta|, finite at grazing angles."""
+    return dr.rcp(dr.maximum(dr.abs(w.z), GRAZING))
+
+
+@dataclass
+class Flight:
+    """One sampled crossing of (a part of) a slab.
+
+    Attributes:
+        collided: mask of the lanes that meet a particle before the boundary.
+        t: where they do; on every lane, a fair place of a collision.
+        weight: throughput of what was chosen, the single-scattering albedo included.
+        scattered: what all collisions on the way carry together, divided by the density of `t`.
+    """
+
+    collided: Any
+    t: Array
+    weight: Array
+    scattered: Array
+
+
+class BoundMedium:
+    """A slab with its numbers.
+
+    Args:
+        depth: optical depth; a number or a colour, one or one per lane, >= 0.
+        albedo: single-scattering albedo in [0, 1]; likewise.
+        phase: a bound phase function of `optics.phase`.
+        scatters: False where the albedo is known to be 0 everywhere, which spares the work.
+    """
+
+    def __init__(self, depth: Array, albedo: Array, phase: Any, scatters: bool = True) -> None:
+        self.depth = depth
+        self.inv_depth = 1 / dr.maximum(depth, 1e-20)
+        self.albedo = albedo
+        self.phase = phase
+        self.scatters = scatters
+
+    def transmittance(self, distance: Array, inv_cos: Array) -> Array:
+        """What is left after the part `distance` of the thickness, under the cosine 1 / `inv_cos`."""
+        return dr.exp(-self.depth * (distance * inv_cos))
+
+    def fly(self, t: Array, w: Vector, throughput: Array, u1: Array, u2: Array, u3: Array) -> Flight:
+        """Choose between crossing to the boundary ahead and a collision on the way.
+
+        The choice is made in proportion to what each would carry, so an absorber only ever attenuates, and the weight
+        never exceeds what the slab lets live. With coloured depths one channel, picked by what it carries, places
+        the collision, and the weight divides by the mixture of all channels.
+
+        Args:
+            t: where the flight starts.
+            w: its propagation direction.
+            throughput: what the path carries, to weigh the channels against one another.
+            u1, u2, u3: numbers in [0, 1): crossing or collision, where, by which channel.
+        """
+        down = w.z < 0
+        ahead = dr.select(down, 1 - t, t)
+        cos = dr.maximum(dr.abs(w.z), GRAZING)
+        depth = self.depth * (ahead * dr.rcp(cos))
+        passed = dr.exp(-depth)
+        lost = _one_minus_exp(depth, passed)
+        hit = self.albedo * lost
+        grey = not channels(depth) and not channels(hit)
+        carried, carried_hit = (passed, hit) if grey else (total(throughput * passed), total(throughput * hit))
+        collided = u1 * (carried + carried_hit) > carried
+        if not channels(depth):
+            distance = _invert(depth, lost, u2, self.inv_depth * cos, ahead)
+            scattered = hit
+        else:
+            chances = throughput * hit
+            chances = chances / dr.maximum(total(chances), 1e-30)
+            chosen, lost_there, inv = 0 * u3, 0 * u3, 0 * u3
+            below = 0 * u3
+            for c in range(channels(depth)):
+                here = u3 >= below
+                chosen = dr.select(here, depth[c], chosen)
+                lost_there = dr.select(here, lost[c], lost_there)
+                inv = dr.select(here, self.inv_depth[c], inv)
+                below = below + chances[c]
+            distance = _invert(chosen, lost_there, u2, inv * cos, ahead)
+            # Densities along the flight: each channel's own exponential, truncated at the boundary.
+            density = depth * dr.exp(-depth * (distance / dr.maximum(ahead, 1e-30)))
+            mixture = total(chances * density / dr.maximum(lost, 1e-30))
+            scattered = self.albedo * density / dr.maximum(mixture, 1e-30)
+        if grey:
+            weight = passed + hit
+        else:
+            both = carried + carried_hit
+            chosen_share = dr.select(collided, carried_hit, carried)
+            weight = dr.select(collided, scattered, passed) * (both / dr.maximum(chosen_share, 1e-30))
+        return Flight(collided, dr.clip(dr.select(down, t + distance, t - distance), 0, 1), weight, scattered)
+
+
+def _one_minus_exp(depth: Array, passed: Array) -> Array:
+    """1 - exp(-depth), by its series where the difference would cancel."""
+    return dr.select(depth < 1e-2, depth * (1 - 0.5 * depth * (1 - depth / 3)), 1 - passed)
+
+
+def _invert(depth: Array, lost: Array, u: Array, scale: Array, ahead: Array) -> Array:
+    """The distance at which an exponential truncated after `ahead` has the cumulative probability u.
+
+    Args:
+        depth: optical depth of the flight; lost: 1 - exp(-depth).
+        scale: distance of optical depth 1.
+    """
+    exact = -dr.log(dr.maximum(1 - u * lost, 1e-30)) * scale
+    return dr.select(depth < 1e-2, ahead * u * (1 - 0.5 * depth * (1 - u)), dr.minimum(exact, ahead))

@@ -1,0 +1,119 @@
+"""Microfacet surfaces: the distribution of normals, their masking, and sampling of the visible ones.
+
+Sources: Walter et al. 2007 (GGX, Beckmann and its rational masking); Heitz 2014 (masking, visible normals);
+Dupuy & Benyoub 2023 (GGX by spherical caps); Jakob 2014 (Beckmann by inversion in erf).
+
+The projected area of the microsurface, sigma(w) = cos(theta) (1 + Lambda(w)), stands in for Lambda wherever possible:
+G1(w) / cos(theta) = 1 / sigma(w) stays finite at grazing angles, where Lambda does not.
+All directions have z >= 0 (an interface mirrors what comes from below before it asks).
+"""
+
+from __future__ import annotations
+
+import drjit as dr
+
+from .vectors import Array, Vector, azimuth
+
+
+class Microfacets:
+    """A rough surface.
+
+    Args:
+        alpha_x, alpha_y: roughness along x and y, in (0, 1].
+        distribution: "ggx" or "beckmann".
+        masking: "correlated" (height-correlated Smith, Heitz 2014) or "separable" (G1 G1; for Beckmann with Walter's
+            rational G1), as Mitsuba's `roughconductor` and `roughdielectric` have it.
+    """
+
+    def __init__(self, alpha_x: Array, alpha_y: Array, distribution: str, masking: str) -> None:
+        self.alpha_x = alpha_x
+        self.alpha_y = alpha_y
+        self.inv_x = 1 / alpha_x
+        self.inv_y = 1 / alpha_y
+        self.norm = dr.inv_pi * self.inv_x * self.inv_y
+        self.ggx = distribution == "ggx"
+        self.correlated = masking == "correlated"
+
+    def density(self, m: Vector) -> Array:
+        """D(m): area of facets of normal m per solid angle and unit area of the surface; integrates to 1 with cos."""
+        slope = dr.square(m.x * self.inv_x) + dr.square(m.y * self.inv_y)
+        z2 = dr.square(m.z)
+        if self.ggx:
+            return self.norm / dr.square(slope + z2)
+        inv_z2 = dr.rcp(dr.maximum(z2, 1e-18))
+        return self.norm * dr.exp(-slope * inv_z2) * dr.square(inv_z2)
+
+    def sigma(self, w: Vector) -> Array:
+        """Projected area of the microsurface seen from w, over that of the surface."""
+        stretch = dr.square(self.alpha_x * w.x) + dr.square(self.alpha_y * w.y)
+        if self.ggx:
+            return 0.5 * (w.z + dr.sqrt(dr.fma(w.z, w.z, stretch)))
+        spread = dr.maximum(dr.sqrt(stretch), 1e-20)
+        a = w.z / spread
+        return 0.5 * (w.z * (1 + dr.erf(a)) + spread * dr.exp(-dr.square(a)) * dr.inv_sqrt_pi)
+
+    def _g1_walter(self, w: Vector) -> Array:
+        """Walter's rational fit (2007, section 5.2) to the masking of a Beckmann surface."""
+        spread = dr.sqrt(dr.square(self.alpha_x * w.x) + dr.square(self.alpha_y * w.y))
+        a = w.z / dr.maximum(spread, 1e-20)
+        a2 = dr.square(a)
+        return dr.select(a >= 1.6, 1.0, (3.535 * a + 2.181 * a2) / (1 + 2.276 * a + 2.577 * a2))
+
+    def masked(self, w: Vector, o: Vector, sigma_w: Array) -> Array:
+        """G2(w, o) / G1(w): the part of the facets visible from w that o sees too. Both directions have z >= 0."""
+        if not self.ggx and not self.correlated:
+            return self._g1_walter(w) * self._g1_walter(o) * sigma_w / dr.maximum(w.z, 1e-20)
+        sigma_o = self.sigma(o)
+        if not self.correlated:
+            return o.z / sigma_o
+        # (1 + Lambda_w) / (1 + Lambda_w + Lambda_o), times cos_w cos_o above and below.
+        return sigma_w * o.z / dr.maximum(dr.fma(sigma_w - w.z, o.z, sigma_o * w.z), 1e-20)
+
+    def sample(self, w: Vector, u1: Array, u2: Array) -> Vector:
+        """A facet normal visible from w, with density D(m) max(0, w.m) / sigma(w) per solid angle."""
+        return self._sample_ggx(w, u1, u2) if self.ggx else self._sample_beckmann(w, u1, u2)
+
+    def _sample_ggx(self, w: Vector, u1: Array, u2: Array) -> Vector:
+        s = dr.normalize(type(w)(self.alpha_x * w.x, self.alpha_y * w.y, w.z))
+        z = dr.fma(1 - u2, 1 + s.z, -s.z)
+        r = dr.safe_sqrt((1 - z) * (1 + z))
+        sin, cos = azimuth(u1)
+        t = type(w)(dr.fma(r, cos, s.x), dr.fma(r, sin, s.y), z + s.z)
+        return dr.normalize(type(w)(self.alpha_x * t.x, self.alpha_y * t.y, dr.maximum(t.z, 0)))
+
+    def _sample_beckmann(self, w: Vector, u1: Array, u2: Array) -> Vector:
+        """Slopes of a surface of unit roughness seen from the stretched direction, then stretched back.
+
+        Along the view the slope x has the cumulative distribution
+            C(x) ~ cos (1 + erf x) / 2 + sin exp(-x^2) / (2 sqrt(pi)),   x <= cot(theta),
+        monotonic there; Newton's method on erf(x), kept inside a shrinking bracket, inverts it.
+        """
+        s = dr.normalize(type(w)(self.alpha_x * w.x, self.alpha_y * w.y, w.z))
+        sin = dr.safe_sqrt(1 - dr.square(s.z))
+        cos = dr.maximum(s.z, 1e-7)
+        tan = sin / cos
+        end = dr.erf(dr.rcp(dr.maximum(tan, 1e-7)))  # erf of the steepest visible slope
+
+        def cumulative(b: Array) -> tuple[Array, Array]:
+            x = dr.erfinv(b)
+            return 0.5 * (1 + b) + 0.5 * dr.inv_sqrt_pi * tan * dr.exp(-dr.square(x)), x
+
+        total = cumulative(dr.minimum(end, 1 - 1e-6))[0]
+        goal = dr.maximum(u1, 1e-6) * total
+        low, high = -1.0 + 0 * goal, end
+        b = dr.minimum(2 * u1 - 1, high) * 0.999
+        for _ in range(9):
+            value, x = cumulative(b)
+            value = value - goal
+            low, high = dr.select(value < 0, b, low), dr.select(value < 0, high, b)
+            newton = b - value / (0.5 * (1 - x * tan))
+            b = dr.select((newton > low) & (newton < high), newton, 0.5 * (low + high))
+        limit = 1 - 1e-6
+        x = dr.erfinv(dr.clip(b, -limit, limit))
+        y = dr.erfinv(dr.clip(2 * u2 - 1, -limit, limit))
+        length = dr.maximum(dr.sqrt(dr.square(s.x) + dr.square(s.y)), 1e-20)
+        turned = length > 1e-10
+        c = dr.select(turned, s.x / length, 1.0)
+        n = dr.select(turned, s.y / length, 0.0)
+        slope_x, slope_y = c * x - n * y, n * x + c * y
+        return dr.normalize(type(w)(-self.alpha_x * slope_x, -self.alpha_y * slope_y, 1 + 0 * slope_x))

@@ -1,0 +1,185 @@
+"""The way out: where a path must be headed, at its last vertices, to leave along wo.
+
+Light that leaves along wo crosses one last interface. Its direction before that is sampled backwards, from wo, with
+the interface's own sampling (after Guo et al. 2018, section 5), and any vertex of the walk can then be connected
+to it. Behind a smooth interface nothing can be connected: where smooth interfaces lie inside the stack the backward
+ray goes on through them, reflecting and refracting, until what it meets next may scatter. So a path is cut at its
+first scattering vertex seen from wo, in one way only, and the estimate is exact for any number of smooth interfaces.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Any
+
+import drjit as dr
+
+from ...media import inverse_cosine
+from ...optics.random import Generator, uniform
+from ...optics.vectors import Array, Vector, mirror, negate, total
+from ..bound import BoundStack
+
+#: stands for the density of a delta distribution in MIS ratios; its square still fits single precision
+DELTA = 1e18
+
+
+@dataclass
+class Exit:
+    """The end of a path, sampled from wo.
+
+    Attributes:
+        c: propagation direction of the light before the exit, in region `region`.
+        weight: flux density towards wo over sampling density; 0 on lanes without a way out.
+        pdf: density of the direction next to the exit interface, as sampled; `DELTA` where that is smooth.
+        jacobian: solid angle at `c` over solid angle next to the exit interface, for the same light.
+        region: the region that `c` lies in: an int, or one per lane.
+        places: all (region, upwards) that can occur.
+        across: transmittance of the whole of each region along c (None: nothing in it).
+        inv_cos: 1 / |cos| of c.
+    """
+
+    c: Vector
+    weight: Array
+    pdf: Array
+    jacobian: Array
+    region: Any
+    places: set[tuple[int, bool]]
+    inv_cos: Array = None
+    across: dict[int, Array | None] = field(default_factory=dict)
+
+    def meets(self, region: int, up: bool) -> Any:
+        """Mask of the lanes whose exit ray travels in this region and sense; False if none can."""
+        if (region, up) not in self.places:
+            return False
+        if len(self.places) == 1:
+            return True
+        here: Any = (self.c.z > 0) if up else (self.c.z < 0)
+        if not isinstance(self.region, int) or len({place[0] for place in self.places}) > 1:
+            here = here & (self.region == region)
+        return here
+
+    def carry(self, value: Array, region: int) -> Array:
+        """What of a flux density that an interface sends along c, through all of `region`, leaves along wo."""
+        across = self.across[region]
+        return value * self.weight if across is None else value * (self.weight * across)
+
+
+def flux_back(stack: BoundStack, wo: Vector, inside: Vector, above: bool) -> Array:
+    """The factor from the flux density wo -> inside to that of inside -> wo (Helmholtz reciprocity)."""
+    near, far = (stack.indices[0], stack.indices[1]) if above else (stack.indices[-1], stack.indices[-2])
+    return dr.square(near / far) * dr.abs(wo.z) * inverse_cosine(inside)
+
+
+def sample_exit(stack: BoundStack, wo: Vector, rng: Generator) -> Exit:
+    """Sample the end of a path that leaves along wo; serves every connection of one walk."""
+    last = len(stack.interfaces) - 1
+    found = _cross(stack, wo, rng, above=True)
+    if not stack.opaque:
+        below, up = _cross(stack, wo, rng, above=False), wo.z > 0
+        region: Any = 1
+        if last > 1:
+            region = dr.select(up, 1, last) if isinstance(up, bool) else dr.select(up, _uint(wo)(1), last)
+        found = Exit(
+            dr.select(up, found.c, below.c),
+            dr.select(up, found.weight, below.weight),
+            dr.select(up, found.pdf, below.pdf),
+            1.0,
+            region,
+            {(1, True), (last, False)},
+        )
+    # What the exit ray can run into, other than the interface it came through: smooth there means going on.
+    ahead = stack.interfaces if not stack.opaque else stack.interfaces[1:]
+    if any(interface.delta is not False for interface in ahead):
+        found = _follow(stack, found, rng)
+    found.inv_cos = inverse_cosine(found.c)
+    for r in stack.regions:
+        medium = stack.media[r]
+        found.across[r] = None if medium is None else medium.transmittance(1.0, found.inv_cos)
+    return found
+
+
+def _uint(w: Vector) -> Any:
+    return dr.uint32_array_t(dr.value_t(type(w)))
+
+
+def _cross(stack: BoundStack, wo: Vector, rng: Generator, above: bool) -> Exit:
+    interface = stack.interfaces[0 if above else -1]
+    seen = wo if above else mirror(wo)
+    smooth = interface.delta is True
+    u = (0.0, 0.0, 0.0) if smooth else (0.0, uniform(rng, wo), uniform(rng, wo))
+    event = interface.sample(seen, u, above, part="transmit")
+    inside = event.o if above else mirror(event.o)
+    # Total reflection and facets seen from behind carry nothing.
+    alive = (seen.z > 0) & (event.o.z < 0)
+    weight = dr.select(alive, event.weight * flux_back(stack, wo, inside, above), 0)
+    region = 1 if above else len(stack.interfaces) - 1
+    pdf = dr.select(interface.delta, DELTA, event.pdf)
+    return Exit(-inside, weight, pdf, 1.0, region, {(region, above)})
+
+
+def _follow(stack: BoundStack, start: Exit, rng: Generator) -> Exit:
+    """Carry the exit ray on through smooth interfaces, and stop it, at random, where it can be connected to.
+
+    At a rough or diffuse interface it always stops; in a medium before a smooth interface, with the probability that
+    light would collide there; outside the stack it is lost. Reflection and transmission are chosen by Fresnel, so the
+    forward and the backward walk choose alike, and it cancels in the weights of multiple importance sampling.
+    """
+    uint = _uint(start.c)
+    state = {
+        "w": -start.c,  # as the ray travels, away from wo
+        "weight": start.weight,
+        "jacobian": 1 + 0 * start.c.x,
+        "region": uint(start.region),
+        "going": total(start.weight) > 0,
+        "rng": rng,
+    }
+
+    def body(s: dict[str, Any]) -> tuple[dict[str, Any]]:
+        s = dict(s)
+        for down in (True, False):
+            for region in stack.regions if down else reversed(stack.regions):
+                _advance(stack, s, region, down)
+        return (s,)
+
+    (out,) = dr.while_loop((state,), lambda s: s["going"], body, label="exit ray")
+    rng.a, rng.b, rng.c, rng.count = out["rng"].a, out["rng"].b, out["rng"].c, out["rng"].count
+    places = {(region, up) for region in stack.regions for up in (True, False)}
+    return Exit(-out["w"], out["weight"], start.pdf, out["jacobian"], out["region"], places)
+
+
+def _advance(stack: BoundStack, s: dict[str, Any], region: int, down: bool) -> None:
+    """One region, and the interface ahead, for the exit rays that travel there."""
+    k = region if down else region - 1
+    interface, medium, w = stack.interfaces[k], stack.media[region], s["w"]
+    here = s["going"] & (s["region"] == region) & ((w.z < 0) if down else (w.z > 0))
+    if interface.delta is False:
+        s["going"] = s["going"] & negate(here)
+        return
+    smooth = here if interface.delta is True else here & interface.delta
+    s["going"] = s["going"] & (negate(here) | smooth)
+    if medium is not None:
+        passed = medium.transmittance(1.0, inverse_cosine(w))
+        lit, hit = total(s["weight"] * passed), total(s["weight"] * (medium.albedo * (1 - passed)))
+        p_pass = dr.select(hit > 0, lit / dr.maximum(lit + hit, 1e-30), 1.0)
+        stop = smooth & (uniform(s["rng"], w) >= p_pass)
+        smooth = smooth & negate(stop)
+        s["going"] = s["going"] & negate(stop)
+        scaled = dr.select(stop, 1 / dr.maximum(1 - p_pass, 1e-30), passed / dr.maximum(p_pass, 1e-30))
+        s["weight"] = dr.select(stop | smooth, s["weight"] * scaled, s["weight"])
+    up_frame = -w if down else mirror(-w)
+    u = (uniform(s["rng"], w), 0.5, 0.5)
+    event = interface.sample(up_frame, u, above=down, part="both")
+    o = event.o if down else mirror(event.o)
+    s["weight"] = dr.select(smooth, s["weight"] * event.weight, s["weight"])
+    s["w"] = dr.select(smooth, o, w)
+    if interface.opaque:
+        return
+    through = smooth & event.through
+    bent = dr.abs(w.z) / dr.maximum(dr.abs(o.z) * dr.square(interface.ratio(down)), 1e-20)
+    s["weight"] = dr.select(through, s["weight"] * bent, s["weight"])
+    s["jacobian"] = dr.select(through, s["jacobian"] * bent, s["jacobian"])
+    beyond = region + 1 if down else region - 1
+    s["region"] = dr.select(through, type(s["region"])(beyond), s["region"])
+    if beyond == 0 or beyond > stack.regions[-1]:
+        s["going"] = s["going"] & negate(through)
+        s["weight"] = dr.select(through, 0, s["weight"])
