@@ -16,14 +16,16 @@ from urushi.io import dumps
 REFUSED = 2000
 """How many damaged files must have been refused before the test is content."""
 
-TOKENS = """{ } [ ] , : - # ? | > & * ! % @ ` ' " null true false yes 0 -1 1e999 .nan .inf 1e-5 2.5 1e9 [] {} &a *a !!int
---- ... << ~ ior alpha depth albedo g phase dielectric medium conductor diffuse texture layers urushi none Au
-""".split() + ["\n", "\t", "  ", "\r", "\u2028", "\u202e", "\ufeff", "\x85", "\x00", "\x1b", "é", "\U0001f600", "٣", "½"]  # fmt: skip
+SIGNS = "{ } [ ] , : - # ? | > & * ! % @ ` ' \" [] {} --- ... << ~ &a *a !!int"
+WORDS = "ior alpha depth albedo g phase dielectric medium conductor diffuse texture layers urushi none Au"
+VALUES = "null true false yes 0 -1 1e999 .nan .inf 1e-5 2.5 1e9"
+LETTERS = "\n\t \r\u2028\u202e\ufeff\x85\x00\x1bé\U0001f600٣½"
+TOKENS = [*SIGNS.split(), *WORDS.split(), *VALUES.split(), *LETTERS]
 
 WRONG: list[Any] = [
-    None, True, "", "x", "0.5", -1, 2, 1e308, -1e-9, 10**30, [], {}, [1, 2], [1, 2, 3, 4], [[1]], {"texture": "gone.png"},
-    {"texture": 3}, {"texture": "a", "scale": "x"}, {"isotropic": {}}, {"henyey_greenstein": {"g": 2}}, "henyey_greenstein",
-    ["diffuse", "diffuse"], {"diffuse": {}}, "\ud83d", "\u0000", "a" * 6000, "2020-01-01",
+    None, True, "", "x", "0.5", -1, 2, 1e308, -1e-9, 10**30, [], {}, [1, 2], [1, 2, 3, 4], [[1]],
+    {"texture": "gone.png"}, {"texture": 3}, {"texture": "a", "scale": "x"}, {"isotropic": {}}, "henyey_greenstein",
+    {"henyey_greenstein": {"g": 2}}, ["diffuse", "diffuse"], {"diffuse": {}}, "\ud83d", "\u0000", "a" * 6000,
 ]  # fmt: skip
 
 
@@ -122,7 +124,8 @@ def change_structure(rng: random.Random, text: bytes) -> bytes:
 
 
 TEXTUAL: list[Callable[[random.Random, bytes], bytes]] = [
-    flip_bytes, truncate, delete_span, repeat_span, put_token, swap_tokens, misspell, move_number, shuffle_lines, reencode,
+    flip_bytes, truncate, delete_span, repeat_span, put_token, swap_tokens, misspell, move_number, shuffle_lines,
+    reencode,
 ]  # fmt: skip
 
 

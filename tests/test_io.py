@@ -139,7 +139,7 @@ def test_mirror_and_words_that_yaml_1_1_would_not_read_as_text() -> None:
         (layer("medium:\n      depth: 1\n      albedo: 0.5\n      phase:\n        henyey_greenstein:\n          g: 7"),
          "layers[0].phase.g", "(line 8)"),
         (layer("diffuse: {reflectance: {texture: gone.png}}"), "layers[0].reflectance", "no file"),
-        (layer("diffuse: {reflectance: {texture: gone.png, scales: 1}}"), "layers[0].reflectance.scales", "did you mean"),
+        (layer("diffuse: {reflectance: {texture: gone.png, scales: 1}}"), "layers[0].reflectance.scales", "mean"),
         (layer("diffuse: {reflectance: {texture: .}}"), "layers[0].reflectance", "no file"),
         (layer("diffuse: {reflectance: 0.5"), "line 4, column 1", "not valid YAML"),
         ("urushi: 1\n\tname: x\n", "line 2, column 1", "not valid YAML"),

@@ -128,7 +128,8 @@ class _Builder:
         return self.root or Node(None, 1, {})
 
     def _refusal(self, problem: str, line: int) -> MaterialError:
-        return MaterialError(f"{problem} (line {line})", where=self._place() or f"line {line}")
+        place = self._place()
+        return MaterialError(f"{problem} (line {line})" if place else problem, where=place or f"line {line}")
 
     def _place(self) -> str:
         """The path of the value being read."""
