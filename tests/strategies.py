@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
+from hypothesis import settings
 from hypothesis import strategies as st
 
 import urushi as ur
@@ -12,6 +13,10 @@ from urushi.description.base import Description
 from urushi.description.parameter import Normal, Parameter, Roughness
 from urushi.optics.ior import conductor_names
 from urushi.stack import LAYERS, PHASES
+
+# The same examples on every machine, and no failure because a machine is slow.
+settings.register_profile("urushi", derandomize=True, deadline=None)
+settings.load_profile("urushi")
 
 IMAGE = Path(ur.__file__).parent / "materials" / "textures" / "wood-albedo.png"
 
@@ -76,7 +81,8 @@ def layers(draw: st.DrawFn, kind: str, textured: bool = False) -> Description:
     if "eta" in given and _zero(given["eta"]) and _zero(given["k"]):
         given["k"] = 1.0
     if "thickness" in given and not isinstance(given["thickness"], ur.Texture):
-        given["thickness"] = min(given["thickness"], 1e-3)  # times the largest sigma_t, the deepest depth allowed
+        # Times the largest sigma_t, this is the deepest depth allowed.
+        given["thickness"] = min(given["thickness"], 1e-3)
     return piece(**given)
 
 

@@ -40,7 +40,7 @@ def layer(text: str) -> str:
     return f"urushi: 1\nlayers:\n  - {text}\n"
 
 
-@settings(max_examples=200, deadline=None)
+@settings(max_examples=200)
 @given(stacks(textured=True, text=True))
 def test_round_trips_are_exact(stack: ur.Stack) -> None:
     for folder in (None, IMAGE.parent, "/"):
@@ -48,7 +48,7 @@ def test_round_trips_are_exact(stack: ur.Stack) -> None:
             assert loads(dumps(stack, form, folder=folder), form, folder=folder) == stack
 
 
-@settings(max_examples=100, deadline=None)
+@settings(max_examples=100)
 @given(stacks(textured=True, text=True))
 def test_other_yaml_readers_read_the_same(stack: ur.Stack) -> None:
     assert yaml.safe_load(dumps(stack)) == json.loads(dumps(stack, "json"))
@@ -310,7 +310,7 @@ def test_schema_describes_the_files() -> None:
     assert all("description" in entry for body in layers.values() for entry in body["properties"].values())
 
 
-@settings(max_examples=100, deadline=None)
+@settings(max_examples=100)
 @given(stacks(textured=True, text=True))
 def test_schema_accepts_what_is_written(stack: ur.Stack) -> None:
     jsonschema = pytest.importorskip("jsonschema")

@@ -11,6 +11,7 @@ import pytest
 import urushi as ur
 from urushi.optics.ior import conductor_index, conductor_names, conductor_rgb
 
+
 def test_names() -> None:
     names = conductor_names()
     assert {"Au", "Ag", "Al", "Cu", "none"} <= set(names)

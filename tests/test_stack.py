@@ -53,7 +53,9 @@ def test_import_is_light() -> None:
 def test_values_by_position_and_numpy() -> None:
     assert ur.Dielectric(1.5, 0.1) == ur.Dielectric(ior=1.5, alpha=0.1)
     assert ur.HenyeyGreenstein(0.5) == ur.HenyeyGreenstein(g=0.5)
-    layer = ur.Medium(depth=np.float32(0.5), albedo=np.array([0.5, 0.25, 0]), phase=ur.HenyeyGreenstein(np.array(0.5)))
+    layer = ur.Medium(
+        depth=np.float32(0.5), albedo=np.array([0.5, 0.25, 0]), phase=ur.HenyeyGreenstein(np.array(0.5))
+    )
     assert layer == ur.Medium(depth=0.5, albedo=(0.5, 0.25, 0.0), phase=ur.HenyeyGreenstein(0.5))
     assert isinstance(layer.depth, float) and type(layer.albedo[0]) is float
     assert type(ur.Dielectric(ior=2).ior) is float
@@ -83,7 +85,11 @@ def test_values_by_position_and_numpy() -> None:
         (lambda: ur.Dielectric(alpa=0.1), "alpa", ["did you mean 'alpha'?", "ior, alpha, distribution"]),
         (lambda: ur.Dielectric(distribution="GGX"), "distribution", ["did you mean 'ggx'?", "'beckmann'"]),
         (lambda: ur.Dielectric(masking=None), "masking", ["'correlated' or 'separable'"]),
-        (lambda: ur.Dielectric(multiple_scattering=True), "multiple_scattering", ["say which model", "False, 'walk'"]),
+        (
+            lambda: ur.Dielectric(multiple_scattering=True),
+            "multiple_scattering",
+            ["say which model", "False, 'walk'"],
+        ),
         (lambda: ur.Dielectric(multiple_scattering=0), "multiple_scattering", ["found 0"]),
         (lambda: ur.Dielectric(normal=(0, 0, 0)), "normal", ["z is below"]),
         (lambda: ur.Dielectric(normal=(0, 0, 1.5)), "normal[2]", ["above 1"]),
@@ -110,8 +116,16 @@ def test_values_by_position_and_numpy() -> None:
         (lambda: ur.Medium(thickness=0, sigma_t=1, albedo=0.5), "thickness", ["below 1e-12"]),
         (lambda: ur.Medium(thickness=1e6, sigma_t=1e6, albedo=0.5), "sigma_t", ["product", "1e+06"]),
         (lambda: ur.Medium(depth=1, albedo=0.5, phase="hg"), "phase", ["unknown phase function 'hg'"]),
-        (lambda: ur.Medium(depth=1, albedo=0.5, phase={"henyey_greenstein": {"g": 1}}), "phase.g", ["above 0.999"]),
-        (lambda: ur.Medium(depth=1, albedo=0.5, phase={"henyey_greenstein": 0.5}), "phase", ["a mapping of g"]),
+        (
+            lambda: ur.Medium(depth=1, albedo=0.5, phase={"henyey_greenstein": {"g": 1}}),
+            "phase.g",
+            ["above 0.999"],
+        ),
+        (
+            lambda: ur.Medium(depth=1, albedo=0.5, phase={"henyey_greenstein": 0.5}),
+            "phase",
+            ["a mapping of g"],
+        ),
         (lambda: ur.Texture(file=""), "file", ["path of an image"]),
         (lambda: ur.Texture(file="a\0b"), "file", ["path of an image"]),
         (lambda: ur.Texture(file="a.png", scale=np.nan), "scale", ["not finite"]),
@@ -143,12 +157,14 @@ def test_only_the_last_layer_may_be_opaque() -> None:
         "layers[1]: a conductor is opaque, nothing can lie below it: remove layers[2] (a medium)",
     )
     refused(lambda: ur.Stack(layers=[gold, fog, coat]), "layers[0]", "remove layers[1] to layers[2]")
-    refused(lambda: ur.Stack(layers=[coat, gold, ur.Diffuse()]), "layers[2]", "so is layers[1]", "one opaque base")
+    refused(
+        lambda: ur.Stack(layers=[coat, gold, ur.Diffuse()]), "layers[2]", "so is layers[1]", "one opaque base"
+    )
     for layers in ([coat], [fog], [fog, fog], [gold], [fog, gold], [coat, fog], [coat, coat]):
         ur.Stack(layers=layers)
 
 
-@settings(max_examples=150, deadline=None)
+@settings(max_examples=150)
 @given(stacks(textured=True, text=True))
 def test_repr_evaluates_to_an_equal_stack(stack: ur.Stack) -> None:
     again = eval(repr(stack), {name: getattr(ur, name) for name in ur.__all__ if name != "solve"})
@@ -198,16 +214,20 @@ def test_parameters(enamel: ur.Stack) -> None:
         "layer_2.alpha": 0.2,
         "layer_2.rotation": 0.0,
     }
-    slab = ur.Stack(layers=[ur.Medium(thickness=2, sigma_t=3, albedo=1), ur.Conductor(eta=1, k=2, normal=(0, 0, 1))])
+    slab = ur.Stack(
+        layers=[ur.Medium(thickness=2, sigma_t=3, albedo=1), ur.Conductor(eta=1, k=2, normal=(0, 0, 1))]
+    )
     assert list(slab.parameters()) == [
         "layer_0.albedo", "layer_0.thickness", "layer_0.sigma_t",
         "layer_1.eta", "layer_1.k", "layer_1.alpha", "layer_1.normal", "layer_1.rotation",
     ]  # fmt: skip
 
 
-@settings(max_examples=80, deadline=None)
+@settings(max_examples=80)
 @given(stacks(textured=True), st.data())
-def test_replacing_by_the_same_changes_nothing_and_by_another_changes_one(stack: ur.Stack, data: st.DataObject) -> None:
+def test_replacing_by_the_same_changes_nothing_and_by_another_changes_one(
+    stack: ur.Stack, data: st.DataObject
+) -> None:
     parameters = stack.parameters()
     assert stack.replace(parameters) == stack == stack.replace({})
     albedos = [name for name in parameters if name.endswith((".albedo", ".reflectance"))]
@@ -219,14 +239,24 @@ def test_replacing_by_the_same_changes_nothing_and_by_another_changes_one(stack:
 
 def test_replace(enamel: ur.Stack) -> None:
     changed = enamel.replace({"layer_1.phase.g": -0.5, "layer_0.masking": "separable", "exterior": 1.33})
-    assert (changed.layers[1].phase.g, changed.layers[0].masking, changed.exterior) == (-0.5, "separable", 1.33)
-    copper = enamel.replace({"layer_2.material": None, "layer_2.eta": (0.2, 0.9, 1.1), "layer_2.k": (3.9, 2.5, 2.1)})
+    assert (changed.layers[1].phase.g, changed.layers[0].masking, changed.exterior) == (
+        -0.5,
+        "separable",
+        1.33,
+    )
+    copper = enamel.replace(
+        {"layer_2.material": None, "layer_2.eta": (0.2, 0.9, 1.1), "layer_2.k": (3.9, 2.5, 2.1)}
+    )
     assert copper.layers[2].eta == (0.2, 0.9, 1.1)
     refused(lambda: enamel.replace({"layer_0.alfa": 1}), "layer_0.alfa", "did you mean 'layer_0.alpha'")
     refused(lambda: enamel.replace({"layer_9.alpha": 1}), "layer_9.alpha", "unknown name")
     refused(lambda: enamel.replace({"layer_1.phase.g": 2}), "layers[1].phase.g", "above 0.999")
     refused(lambda: enamel.replace({"layer_2.eta": 1}), "layers[2].eta", "material, or eta and k")
-    refused(lambda: enamel.replace({"layer_1.phase": "rayleigh", "layer_1.phase.g": 0}), "layers[1].phase", "one of them")
+    refused(
+        lambda: enamel.replace({"layer_1.phase": "rayleigh", "layer_1.phase.g": 0}),
+        "layers[1].phase",
+        "one of them",
+    )
     refused(lambda: enamel.replace([]), None, "a mapping")
 
 
@@ -234,7 +264,9 @@ def test_optical_depth() -> None:
     assert ur.Medium(depth=0.5, albedo=1).optical_depth == 0.5
     assert ur.Medium(thickness=2, sigma_t=(1, 2, 3), albedo=1).optical_depth == (2.0, 4.0, 6.0)
     map_ = ur.Texture("a.png", scale=2)
-    assert ur.Medium(thickness=map_, sigma_t=3, albedo=1).optical_depth == ur.Texture("a.png", scale=6, raw=True)
+    assert ur.Medium(thickness=map_, sigma_t=3, albedo=1).optical_depth == ur.Texture(
+        "a.png", scale=6, raw=True
+    )
     both = ur.Medium(thickness=map_, sigma_t=(1, 2, 3), albedo=1)
     refused(lambda: both.optical_depth, "thickness", "one texture")
 
