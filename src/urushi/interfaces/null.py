@@ -28,6 +28,3 @@ class Null(Interface):
 
     def lobe(self, cos: Array, above: bool) -> tuple[Array, Array, Array]:
         return 0 * cos, 1 + 0 * cos, 0 * cos
-
-    def ratio(self, above: bool) -> Array:
-        return 1.0
