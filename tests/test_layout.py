@@ -201,3 +201,22 @@ def test_what_is_needed_is_pinned():
     needed = re.findall(r'^    "([A-Za-z][\w.-]*)>=', text, re.MULTILINE)
     assert len(needed) > 10
     assert {plain(name) for name in needed} <= pinned
+
+
+def test_the_version_is_the_same_everywhere():
+    assert f'version = "{urushi.__version__}"' in (ROOT / "pyproject.toml").read_text("utf-8")
+
+
+def test_links_lead_somewhere_and_a_broken_one_is_noticed(tmp_path):
+    sys.path.insert(0, str(ROOT / "tools"))
+    try:
+        import check_links
+    finally:
+        sys.path.pop(0)
+    assert check_links.main() == 0
+    page = tmp_path / "page.md"
+    page.write_text("# A `b` c\n[x](other.md) [y](#a-b-c) [z](#d) `[code](no.md)` [web](ftp://nowhere)\n")
+    assert [fault.partition(": ")[2] for fault in check_links.broken(page)] == [
+        "no such file: other.md",
+        "no such heading: #d",
+    ]

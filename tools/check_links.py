@@ -7,6 +7,7 @@ Exit status 1 and one line for each broken link.
 
 from __future__ import annotations
 
+import os
 import re
 import sys
 from pathlib import Path
@@ -40,9 +41,9 @@ def broken(page: Path) -> list[str]:
         path, _, anchor = target.partition("#")
         file = (page.parent / path).resolve() if path else page
         if not file.exists():
-            faults.append(f"{page.relative_to(ROOT)}: no such file: {target}")
+            faults.append(f"{os.path.relpath(page, ROOT)}: no such file: {target}")
         elif anchor and file.suffix == ".md" and anchor.lower() not in anchors(file):
-            faults.append(f"{page.relative_to(ROOT)}: no such heading: {target}")
+            faults.append(f"{os.path.relpath(page, ROOT)}: no such heading: {target}")
     return faults
 
 

@@ -18,6 +18,8 @@ import numpy as np
 import numpy.typing as npt
 
 Floats = npt.NDArray[np.float64]
+Mesh = tuple[Floats, Floats, Floats, npt.NDArray[np.int32]]
+"""Positions (m, 3), unit normals (m, 3), texture coordinates (m, 2) and triangles (t, 3)."""
 
 SHAPES = ("ball", "bowl", "sphere")
 
@@ -86,12 +88,8 @@ def sweep(depth: float = 7.0, front: float = 14.0, rise: float = 16.0, radius: f
     return np.concatenate([[[-front, 0.0]], curve, [[depth + radius, radius + rise]]])
 
 
-def revolve(profile: Floats, segments: int = 320) -> tuple[Floats, Floats, Floats, npt.NDArray[np.int32]]:
-    """Turn a profile (n, 2) of (r, z) about the z axis; its left side, walking along it, is outside.
-
-    Returns:
-        Positions (m, 3), unit normals (m, 3), texture coordinates (m, 2) and triangles (t, 3).
-    """
+def revolve(profile: Floats, segments: int = 320) -> Mesh:
+    """Turn a profile (n, 2) of (r, z) about the z axis; its left side, walking along it, is outside."""
     steps = np.linalg.norm(np.diff(profile, axis=0), axis=1)
     v = np.concatenate([[0.0], np.cumsum(steps)])
     tangent = np.gradient(profile, v, axis=0)
@@ -100,7 +98,8 @@ def revolve(profile: Floats, segments: int = 320) -> tuple[Floats, Floats, Float
     normal = np.stack([-tangent[:, 1], tangent[:, 0]], axis=1)
     normal /= np.linalg.norm(normal, axis=1, keepdims=True)
     u = np.linspace(0.0, 1.0, segments + 1)
-    cos, sin = np.cos(2.0 * np.pi * u), np.sin(2.0 * np.pi * u)
+    # The seam, where u jumps from 1 to 0, is at +y: the built-in camera looks from the other side.
+    cos, sin = -np.sin(2.0 * np.pi * u), np.cos(2.0 * np.pi * u)
 
     def around(curve: Floats) -> Floats:
         r, z = curve[:, :1], curve[:, 1:]
@@ -110,7 +109,7 @@ def revolve(profile: Floats, segments: int = 320) -> tuple[Floats, Floats, Float
     return around(profile), around(normal), uv, _grid(len(profile), segments + 1)
 
 
-def extrude(profile: Floats, half_width: float, unit: float) -> tuple[Floats, ...]:
+def extrude(profile: Floats, half_width: float, unit: float) -> Mesh:
     """Draw a profile (n, 2) of (y, z) along x; texture coordinates are the unrolled sheet over `unit`."""
     steps = np.linalg.norm(np.diff(profile, axis=0), axis=1)
     v = np.concatenate([[0.0], np.cumsum(steps)]) + profile[0, 0]
