@@ -23,11 +23,11 @@ except UrushiError as error:  # the tests that need no LLVM still run
     NO_LLVM = str(error)
 
 if UNDER_XDIST and LLVM is not None:
-    # Each worker is a process of its own: with all of Dr.Jit's threads as well they would only wait
-    # for each other. Child processes of the tests are told through the environment, where one can.
+    # Each worker is a process of its own: with all of Dr.Jit's threads as well they would only wait for each
+    # other. Not one thread, with which Mitsuba waits for ever when it reads or writes an OpenEXR file.
     import drjit as dr
 
-    dr.set_thread_count(1)
+    dr.set_thread_count(2)
 
 
 @pytest.fixture

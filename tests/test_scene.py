@@ -145,3 +145,18 @@ def test_a_failed_write_leaves_nothing(mi, tmp_path, monkeypatch):
     with pytest.raises(KeyboardInterrupt):
         picture.write(np.zeros((2, 2, 3), np.float32), tmp_path / "a.png")
     assert os.listdir(tmp_path) == []
+
+
+def test_exr_is_written_with_a_single_thread(mi, tmp_path):
+    """Mitsuba alone waits for ever then; the second thread is for it."""
+    import drjit as dr
+
+    from urushi.adapters import picture
+
+    before = dr.thread_count()
+    dr.set_thread_count(1)
+    try:
+        picture.write(np.ones((2, 3, 3), np.float32), tmp_path / "a.exr")
+        assert np.array(mi.Bitmap(str(tmp_path / "a.exr"))).shape == (2, 3, 3)
+    finally:
+        dr.set_thread_count(max(2, before))

@@ -22,6 +22,18 @@ SHOULDER = 0.75
 Image = npt.NDArray[np.float32]
 
 
+def enough_threads() -> None:
+    """Give Dr.Jit a second thread where it has only one, as on a machine with a single core.
+
+    Mitsuba reads and writes OpenEXR files on Dr.Jit's threads while the calling one waits: with a single
+    thread it waits for ever (Mitsuba 3.9.1).
+    """
+    import drjit as dr
+
+    if dr.thread_count() < 2:
+        dr.set_thread_count(2)
+
+
 def render(
     scene: Any, spp: int, seed: int = 0, advance: Callable[[int, int], None] = lambda done, total: None
 ) -> Image:
@@ -85,6 +97,7 @@ def write(image: Image, path: Path, notes: dict[str, str] | None = None) -> None
     import mitsuba as mi
 
     if path.suffix == ".exr":
+        enough_threads()
         bitmap = mi.Bitmap(np.ascontiguousarray(image, dtype=np.float32))
     else:
         pixels = tonemap(image)

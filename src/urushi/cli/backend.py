@@ -36,4 +36,7 @@ def use(variant: str | None = None) -> str:
     if chosen.startswith("cuda") and not cuda:
         raise UrushiError(f"variant {chosen} needs an NVIDIA GPU and its driver, and Dr.Jit finds none")
     mi.set_variant(chosen)
+    from urushi.adapters import picture
+
+    picture.enough_threads()  # a scene file may name an environment map in OpenEXR
     return chosen
