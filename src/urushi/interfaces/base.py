@@ -50,6 +50,10 @@ class Interface(ABC):
     def sample(self, w: Vector, u: tuple[Array, Array, Array], above: bool, part: Part = "both") -> Scatter:
         """Sample an outgoing direction; `u` are three numbers in [0, 1), the first chooses what happens."""
 
+    def roughness(self) -> tuple[Array, Array]:
+        """Roughness along x and y of the interface's own frame."""
+        return 0.0, 0.0
+
     def ratio(self, above: bool) -> Array:
         """Index beyond the boundary over the index on the incident side."""
         return 1.0

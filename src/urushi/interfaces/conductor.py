@@ -68,7 +68,8 @@ class BoundConductor(Interface):
         return dr.select(self.delta, fresnel, 0), 0 * cos
 
     def lobe(self, cos: Array, above: bool) -> tuple[Array, Array, Array]:
-        alpha = 0 * cos
-        if self.facets is not None:
-            alpha = dr.maximum(self.facets.alpha_x, self.facets.alpha_y) + 0 * cos
+        alpha = dr.maximum(*self.roughness()) + 0 * cos
         return fresnel_conductor(cos, self.eta, self.k), 0 * cos, alpha
+
+    def roughness(self) -> tuple[Array, Array]:
+        return (0.0, 0.0) if self.facets is None else (self.facets.alpha_x, self.facets.alpha_y)

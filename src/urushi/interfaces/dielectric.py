@@ -108,7 +108,8 @@ class BoundDielectric(Interface):
 
     def lobe(self, cos: Array, above: bool) -> tuple[Array, Array, Array]:
         fresnel, _ = fresnel_dielectric(cos, self.ratio(above), self.ratio(not above))
-        alpha = 0 * cos
-        if self.facets is not None:
-            alpha = dr.maximum(self.facets.alpha_x, self.facets.alpha_y) + 0 * cos
+        alpha = dr.maximum(*self.roughness()) + 0 * cos
         return fresnel, 1 - fresnel, alpha
+
+    def roughness(self) -> tuple[Array, Array]:
+        return (0.0, 0.0) if self.facets is None else (self.facets.alpha_x, self.facets.alpha_y)

@@ -9,9 +9,9 @@ from __future__ import annotations
 
 from typing import Any
 
-from .homogeneous import BoundMedium, inverse_cosine
+from .homogeneous import BoundMedium, entry_height, inverse_cosine
 
 #: the class that binds the numbers of each described medium
 MEDIA: dict[str, Any] = {"medium": BoundMedium}
 
-__all__ = ["MEDIA", "BoundMedium", "inverse_cosine"]
+__all__ = ["MEDIA", "BoundMedium", "entry_height", "inverse_cosine"]

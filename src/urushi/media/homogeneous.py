@@ -18,9 +18,14 @@ from ..optics.vectors import Array, Vector, channels, total
 GRAZING = 1e-9
 
 
-def inverse_cosine(w: Vector) -> Array:
-    """1 / |cos theta|, finite at grazing angles."""
-    return dr.rcp(dr.maximum(dr.abs(w.z), GRAZING))
+def inverse_cosine(cos: Array) -> Array:
+    """1 / |cos|, finite at grazing angles."""
+    return dr.rcp(dr.maximum(dr.abs(cos), GRAZING))
+
+
+def entry_height(w: Vector) -> Array:
+    """Where light that travels along w enters a slab: 0 from the top, 1 from the bottom."""
+    return dr.select(w.z < 0, 0 * w.z, 1 + 0 * w.z)
 
 
 @dataclass

@@ -1,0 +1,68 @@
+"""Solvers: from a description to a BSDF.
+
+A solver takes a `Stack` and gives a `BSDF` with ``eval``, ``pdf``, ``sample``, ``reflectance`` and ``transmittance``.
+
+    method   what it is                                        error            cost
+    walk     position-free Monte Carlo (Guo et al. 2018)       noise, no bias   a few hundred ns a sample
+
+``method="auto"`` takes the first in this table that can do the stack and says why in ``diagnostics``. A solver is a
+package beside this file with a function `solve`, and a line in `SOLVERS`; solvers never import one another.
+"""
+
+from __future__ import annotations
+
+import difflib
+import importlib
+from typing import Any
+
+from urushi.errors import UnsupportedStack, UrushiError
+from urushi.stack import Stack
+
+from .bsdf import BSDF, Sample
+
+#: method -> module with `solve(stack, **options)` and `reasons_against(stack)`
+SOLVERS = {"walk": "urushi.solvers.walk"}
+
+#: methods that the names of this package already speak of, and that come in later versions
+PLANNED = ("adding", "lobes")
+
+__all__ = ["PLANNED", "SOLVERS", "BSDF", "Sample", "solve"]
+
+
+def solve(stack: Stack, method: str = "auto", **options: Any) -> BSDF:
+    """Turn a stack into a BSDF.
+
+    Args:
+        stack: the description, or the path or preset name of one.
+        method: "walk", or "auto" for the first method that can.
+        **options: see the method; for the walk: `samples`, `seed`, `max_depth`, `parameters`, `backend`, `precision`,
+            `mode` (`urushi.solvers.walk.solve`).
+
+    Returns:
+        A `BSDF`.
+
+    Raises:
+        UnsupportedStack: the method cannot do this stack; says why, and which can.
+        UrushiError: an unknown method, or an option out of range.
+    """
+    if not isinstance(stack, Stack):
+        from urushi.io import load
+
+        stack = load(stack)
+    able = [name for name in SOLVERS if not _module(name).reasons_against(stack)]
+    if method in PLANNED:
+        raise UnsupportedStack(method, [f"this version of Urushi has no {method!r} yet"], able)
+    if method == "auto":
+        if not able:
+            reasons = [reason for name in SOLVERS for reason in _module(name).reasons_against(stack)]
+            raise UnsupportedStack("auto", reasons)
+        method = able[0]
+    if method not in SOLVERS:
+        near = difflib.get_close_matches(str(method), [*SOLVERS, "auto"], n=1)
+        hint = f"; did you mean {near[0]!r}?" if near else ""
+        raise UrushiError(f"method: found {method!r}; allowed: {', '.join([*SOLVERS, 'auto'])}{hint}")
+    return _module(method).solve(stack, **options)  # type: ignore[no-any-return]
+
+
+def _module(method: str) -> Any:
+    return importlib.import_module(SOLVERS[method])

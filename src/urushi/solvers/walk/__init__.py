@@ -1,0 +1,43 @@
+"""The walk: position-free Monte Carlo, unbiased for any stack.
+
+The sum of all ways through a stack is a geometric series; the walk samples it term by term. It follows one path of
+light through interfaces and media, without caring where along the surface it wanders, and at every event asks how much
+would leave along wo. The mean of many paths is the truth, whatever the layers; the rest is variance.
+
+    walk       one path and what it says about f(wi, wo)            exit     where a path must head to leave along wo
+    trace      one path and where its light ends up                 smooth   the delta parts, exactly
+    proposal   where to send samples: a mixture of known density    core     all of it, as a BSDF on Dr.Jit arrays
+
+Sources: Pharr & Hanrahan 2000; Guo, Hasan & Zhao 2018.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+from urushi.errors import UnsupportedStack
+from urushi.stack import Stack
+
+
+def reasons_against(stack: Stack) -> list[str]:
+    """What of this stack the walk cannot do; empty if it can."""
+    reasons = []
+    for i, layer in enumerate(stack.layers):
+        if getattr(layer, "multiple_scattering", False):
+            reasons.append(
+                f"layers[{i}].multiple_scattering is {layer.multiple_scattering!r}, and interfaces with scattering "  # type: ignore[attr-defined]
+                "between their facets are not there yet: use False"
+            )
+        if getattr(layer, "normal", None) is not None:
+            reasons.append(f"layers[{i}].normal is given, and shading normals of single interfaces are not there yet")
+    return reasons
+
+
+def solve(stack: Stack, **options: Any) -> Any:
+    """A `WalkBSDF`; see `urushi.solvers.walk.result.WalkBSDF` for the options."""
+    reasons = reasons_against(stack)
+    if reasons:
+        raise UnsupportedStack("walk", reasons)
+    from .result import WalkBSDF
+
+    return WalkBSDF(stack, **options)

@@ -67,7 +67,7 @@ class Exit:
 def flux_back(stack: BoundStack, wo: Vector, inside: Vector, above: bool) -> Array:
     """The factor from the flux density wo -> inside to that of inside -> wo (Helmholtz reciprocity)."""
     near, far = (stack.indices[0], stack.indices[1]) if above else (stack.indices[-1], stack.indices[-2])
-    return dr.square(near / far) * dr.abs(wo.z) * inverse_cosine(inside)
+    return dr.square(near / far) * dr.abs(wo.z) * inverse_cosine(inside.z)
 
 
 def sample_exit(stack: BoundStack, wo: Vector, rng: Generator) -> Exit:
@@ -91,7 +91,7 @@ def sample_exit(stack: BoundStack, wo: Vector, rng: Generator) -> Exit:
     ahead = stack.interfaces if not stack.opaque else stack.interfaces[1:]
     if any(interface.delta is not False for interface in ahead):
         found = _follow(stack, found, rng)
-    found.inv_cos = inverse_cosine(found.c)
+    found.inv_cos = inverse_cosine(found.c.z)
     for r in stack.regions:
         medium = stack.media[r]
         found.across[r] = None if medium is None else medium.transmittance(1.0, found.inv_cos)
@@ -158,7 +158,7 @@ def _advance(stack: BoundStack, s: dict[str, Any], region: int, down: bool) -> N
     smooth = here if interface.delta is True else here & interface.delta
     s["going"] = s["going"] & (negate(here) | smooth)
     if medium is not None:
-        passed = medium.transmittance(1.0, inverse_cosine(w))
+        passed = medium.transmittance(1.0, inverse_cosine(w.z))
         lit, hit = total(s["weight"] * passed), total(s["weight"] * (medium.albedo * (1 - passed)))
         p_pass = dr.select(hit > 0, lit / dr.maximum(lit + hit, 1e-30), 1.0)
         stop = smooth & (uniform(s["rng"], w) >= p_pass)

@@ -22,7 +22,7 @@ from typing import Any
 import drjit as dr
 
 from ...interfaces import Interface, Scatter
-from ...media import inverse_cosine
+from ...media import entry_height, inverse_cosine
 from ...optics.random import Generator, uniform
 from ...optics.vectors import Array, Vector, channels, mirror, negate, peak
 from ..bound import BoundStack
@@ -132,7 +132,7 @@ def _enter(
         "t": None,
     }
     if any(medium is not None and medium.scatters for medium in stack.media):
-        state["t"] = dr.select(d.z < 0, 0.0, 1.0)
+        state["t"] = entry_height(d)
     return state
 
 
@@ -167,7 +167,7 @@ def _fly(stack: BoundStack, s: State, way_out: Exit, region: int, here: Any) -> 
     assert medium is not None
     d, rng = s["d"], s["rng"]
     if not medium.scatters:
-        passed = medium.transmittance(1.0, inverse_cosine(d))
+        passed = medium.transmittance(1.0, inverse_cosine(d.z))
         s["throughput"] = dr.select(here, s["throughput"] * passed, s["throughput"])
         return here
     channel = uniform(rng, d) if channels(medium.depth) else 0.0
@@ -223,7 +223,7 @@ def _meet(
         s["pdf"] = dr.select(here, _density(interface, event, s["pdf"], w, down), s["pdf"])
     s["d"] = dr.select(here, o, d)
     if s["t"] is not None:
-        s["t"] = dr.select(here, dr.select(o.z < 0, 0.0, 1.0), s["t"])
+        s["t"] = dr.select(here, entry_height(o), s["t"])
     if s["region"] is not None and not outer and event.through is not False:
         beyond = region + 1 if down else region - 1
         s["region"] = dr.select(here & event.through, type(s["region"])(beyond), s["region"])

@@ -1,0 +1,153 @@
+"""The numbers of a stack: from the description and from what a caller puts in their place.
+
+Every continuous parameter may be one value or one value per evaluation (per lane): a texture, a sweep, or the tensor of
+an optimiser. Values stay variables of the compiled code, so changing one compiles nothing anew.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import drjit as dr
+import numpy as np
+
+from urushi.errors import MaterialError, UnsupportedStack
+from urushi.optics.ior import conductor_rgb
+from urushi.stack import Stack, Texture
+
+
+@dataclass
+class Numbers:
+    """Values for `bound.bind`.
+
+    Attributes:
+        values: name -> number, colour, or pair, as Dr.Jit arrays (or floats in scalar mode).
+        fixed: those that are known in Python.
+        lanes: how many evaluations the values are for; 1 if they serve any.
+        coloured: whether any of them is a colour.
+    """
+
+    values: dict[str, Any]
+    fixed: dict[str, Any]
+    lanes: int
+    coloured: bool
+
+
+def described(stack: Stack) -> dict[str, Any]:
+    """Every continuous parameter of a stack, metals looked up; textures stay what they are."""
+    found: dict[str, Any] = dict(stack.parameters())
+    for i, layer in enumerate(stack.layers):
+        material = getattr(layer, "material", None)
+        if material is not None:
+            found[f"layer_{i}.eta"], found[f"layer_{i}.k"] = conductor_rgb(material)
+    found["exterior"] = stack.exterior
+    return {name: value for name, value in found.items() if not name.endswith(".normal")}
+
+
+def gather_numbers(stack: Stack, given: Mapping[str, Any] | None, module: Any, double: bool, method: str) -> Numbers:
+    """Resolve all parameters.
+
+    Args:
+        stack: the description.
+        given: values in place of those of the description, by name (``layer_0.alpha``): a number, a colour (3,), one
+            number per evaluation (N,) or (N, 1), one colour per evaluation (N, 3), for a roughness a pair or (N, 2); or a
+            Dr.Jit array, whose gradients are kept.
+        module: the Dr.Jit module to compute in.
+        double: whether to compute in double precision.
+
+    Raises:
+        MaterialError: an unknown name, a wrong shape or a value out of range.
+        UnsupportedStack: a texture that nothing was given for.
+    """
+    given = dict(given or {})
+    known = described(stack)
+    for name in given:
+        if name not in known:
+            stack.replace({name: 0.5})  # raises with a suggestion where it is a misspelt name
+            raise MaterialError(f"found {name!r}; allowed: {', '.join(known)}", where=name)
+    textured = [name for name, value in known.items() if isinstance(value, Texture) and name not in given]
+    if textured:
+        raise UnsupportedStack(
+            method,
+            [
+                f"{name} is a texture, which has values only at points of a surface: render it with the Mitsuba "
+                f"plugin, or give values by parameters={{{name!r}: ...}}"
+                for name in textured
+            ],
+        )
+    values: dict[str, Any] = {}
+    fixed: dict[str, Any] = {}
+    lanes, coloured = 1, False
+    for name, value in known.items():
+        if name in given and not isinstance(given[name], (int, float, tuple)):
+            values[name], width, colour = _lanes(stack, name, given[name], module, double)
+            if width not in (1, lanes) and lanes != 1:
+                raise MaterialError(f"found values for {width} evaluations, others are for {lanes}", where=name)
+            lanes = max(lanes, width)
+        else:
+            if name in given:
+                value = stack.replace({name: given[name]}).parameters()[name] if name != "exterior" else given[name]
+            fixed[name] = value
+            values[name] = _constant(name, value, module, double)
+            colour = isinstance(value, tuple) and len(value) == 3
+        coloured = coloured or colour
+    return Numbers(values, fixed, lanes, coloured)
+
+
+def _types(module: Any, double: bool) -> tuple[Any, Any]:
+    if module.__name__ == "drjit.scalar":
+        return float, module.Array3f64 if double else module.Array3f
+    return (module.Float64, module.Array3f64) if double else (module.Float, module.Array3f)
+
+
+def _constant(name: str, value: Any, module: Any, double: bool) -> Any:
+    number, colour = _types(module, double)
+    make = float if number is float else lambda x: dr.opaque(number, x)
+    if not isinstance(value, tuple):
+        return make(value)
+    return colour(*(make(v) for v in value)) if len(value) == 3 else tuple(make(v) for v in value)
+
+
+def _lanes(stack: Stack, name: str, value: Any, module: Any, double: bool) -> tuple[Any, int, bool]:
+    """A value per lane, its number of lanes, and whether it is a colour."""
+    number, colour = _types(module, double)
+    if dr.is_array_v(value):
+        if dr.depth_v(value) == 1 and dr.size_v(value) == dr.Dynamic:
+            return number(value), dr.width(value), False
+        if dr.size_v(value) == 3:
+            return colour(value), dr.width(value), True
+        if dr.size_v(value) == 2 and name.endswith(".alpha"):
+            return (number(value.x), number(value.y)), dr.width(value), False
+        raise MaterialError(f"found a Dr.Jit array of shape {dr.shape(value)}; allowed: numbers or colours", where=name)
+    array = np.asarray(value, dtype=np.float64)
+    allows_colour = name.rsplit(".", 1)[-1] in ("albedo", "reflectance", "depth", "sigma_t", "eta", "k")
+    pair = name.endswith(".alpha")
+    check_range(stack, name, array)
+    if array.ndim == 0 or (array.ndim == 1 and array.shape[0] == 3 and allows_colour):
+        plain = float(array) if array.ndim == 0 else tuple(float(v) for v in array)
+        return _constant(name, plain, module, double), 1, array.ndim == 1
+    if array.ndim == 1 or (array.ndim == 2 and array.shape[1] == 1):
+        return number(array.ravel().tolist() if number is float else array.ravel()), array.shape[0], False
+    columns = [number(np.ascontiguousarray(array[:, i])) for i in range(array.shape[1])] if array.ndim == 2 else []
+    if len(columns) == 3 and allows_colour:
+        return colour(*columns), array.shape[0], True
+    if len(columns) == 2 and pair:
+        return tuple(columns), array.shape[0], False
+    raise MaterialError(
+        f"found shape {array.shape}; allowed: a number, (N,)" + (" or (N, 3)" if allows_colour else ""), where=name
+    )
+
+
+def check_range(stack: Stack, name: str, array: np.ndarray) -> None:
+    """Refuse values that the description would refuse."""
+    if not np.isfinite(array).all():
+        raise MaterialError("found a value that is not finite; allowed: numbers", where=name)
+    if array.size == 0:
+        raise MaterialError("found no values; allowed: at least one", where=name)
+    for extreme in {float(array.min()), float(array.max())}:
+        if name == "exterior":
+            stack.replace({"exterior": extreme})
+        else:
+            stack.replace({name: extreme})

@@ -1,0 +1,99 @@
+"""The walk as a BSDF on Dr.Jit arrays: what the Python result and the Mitsuba plugin both stand on."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import drjit as dr
+
+from ...optics.random import generator
+from ...optics.vectors import Array, Vector, float_type
+from ..bound import BoundStack
+from .proposal import propose
+from .trace import trace
+from .walk import direct, estimate
+
+
+@dataclass
+class WalkCore:
+    """A bound stack with everything the walk needs to know.
+
+    Attributes:
+        stack: the stack with its numbers.
+        spectrum: type of a colour, or of a number where nothing in the stack is coloured.
+        radiance: scale transmitted light as radiance (n_wi / n_wo)^2; False for importance (flux).
+        max_depth: most scattering events inside; None for no limit.
+    """
+
+    stack: BoundStack
+    spectrum: Any
+    radiance: bool = True
+    max_depth: int | None = None
+
+    def scale(self, wi: Vector, wo: Vector) -> Array:
+        """The factor of radiance: (n_wi / n_wo)^2 where wi and wo lie on different sides, else 1."""
+        if self.stack.opaque or not self.radiance:
+            return 1.0
+        ratio = dr.square(self.stack.indices[0] / self.stack.indices[-1])
+        return dr.select(wi.z * wo.z > 0, 1.0, dr.select(wi.z > 0, ratio, dr.rcp(ratio)))
+
+    def eval(self, wi: Vector, wo: Vector, key: Sequence[Array], seed: Array, first: Array, count: int) -> Array:
+        """f |cos wo|, as the mean of `count` samples numbered from `first`.
+
+        Args:
+            key: what identifies this evaluation besides the directions (texture coordinates, ...).
+            seed: integer below 2**32.
+        """
+        value, _ = self.moments(wi, wo, key, seed, first, count)
+        return self.spectrum((value + direct(self.stack, wi, wo)) * self.scale(wi, wo))
+
+    def moments(
+        self, wi: Vector, wo: Vector, key: Sequence[Array], seed: Array, first: Array, count: Array
+    ) -> tuple[Array, Array]:
+        """Mean and mean square of the random part, without the scale of radiance."""
+        if len(self.stack.interfaces) == 1:
+            return self.spectrum(0) + 0 * wi.x, self.spectrum(0) + 0 * wi.x
+
+        def one(i: Array) -> Array:
+            rng = generator(wi, [*wi, *wo, *key], seed, i)
+            return estimate(self.stack, wi, wo, rng, self.spectrum, self.max_depth)
+
+        if isinstance(count, int) and count == 1:
+            value = one(first)
+            return value, dr.square(value)
+        return self._average(wi, one, first, count, 1)
+
+    def flux(self, wi: Vector, key: Sequence[Array], seed: Array, first: Array, count: Array) -> tuple[Array, ...]:
+        """Mean flux upwards and downwards, and their mean squares."""
+
+        def one(i: Array) -> tuple[Array, Array]:
+            return trace(self.stack, wi, generator(wi, [*wi, *key], seed, i), self.spectrum, self.max_depth)
+
+        return self._average(wi, one, first, count, 2)
+
+    def _average(self, wi: Vector, one: Any, first: Array, count: Array, size: int) -> tuple[Array, ...]:
+        uint = dr.uint32_array_t(float_type(wi))
+        zero = self.spectrum(0)
+
+        def body(i: Array, *sums: Array) -> tuple[Array, ...]:
+            new = one(first + i)
+            new = new if size > 1 else (new,)
+            mean = tuple(s + v for s, v in zip(sums[:size], new, strict=True))
+            square = tuple(s + dr.square(v) for s, v in zip(sums[size:], new, strict=True))
+            return (i + 1, *mean, *square)
+
+        out = dr.while_loop((uint(0), *([zero] * (2 * size))), lambda i, *_: i < count, body, label="samples")
+        size_inv = 1 / float_type(wi)(count)
+        return tuple(value * size_inv for value in out[1:])
+
+    def pdf(self, wi: Vector, wo: Vector) -> Array:
+        """Density of `sample`, per solid angle, without the delta parts."""
+        return propose(self.stack, wi).pdf(wo)
+
+    def sample(self, wi: Vector, u: Vector) -> tuple[Vector, Array, Array, Any]:
+        """(wo, density or probability, what a delta part carries in flux, mask of delta lanes)."""
+        proposal = propose(self.stack, wi)
+        wo, probability, carried, delta = proposal.sample(wi, u)
+        return wo, dr.select(delta, probability, proposal.pdf(wo)), carried, delta

@@ -1,0 +1,240 @@
+"""Where to send samples: a mixture of simple lobes whose density is known exactly.
+
+What a walk samples has no closed density, and a renderer that weighs it against light sampling needs one. So a
+direction is drawn from lobes that cover whatever the stack can do (one reflection lobe an interface, one transmitted
+lobe, a cosine lobe on each side, and the delta parts), and the walk then says what that direction is worth. The
+guess behind the lobes (energies by a single pass through the stack, widths by adding variances of slope, after Belcour
+2018) decides the noise only, never the mean.
+
+A lobe is the reflection of a GGX surface, sampled by visible normals; the part that would end below the horizon is
+folded back up, so that every lobe, and the mixture, integrates to one.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import drjit as dr
+
+from ...interfaces.base import Frame
+from ...media import inverse_cosine
+from ...optics.microfacet import Microfacets
+from ...optics.vectors import Array, Vector, channels, cosine_hemisphere, mirror, reflect, total
+from ..bound import BoundStack
+from .smooth import cosines, has_delta, smooth_energy
+
+#: share of the samples that every side light can leave on gets as a cosine lobe, whatever the guess
+FLOOR = 0.1
+#: more lobes than this are merged into the last
+MOST = 4
+#: narrowest and widest lobe
+NARROW, WIDE = 1e-3, 1.0
+
+
+@dataclass
+class Lobe:
+    """One lobe on one side: `share` of the samples, `facets` seen from `axis` (z > 0; None: a cosine lobe)."""
+
+    share: Array
+    up: bool
+    axis: Vector | None = None
+    facets: Microfacets | None = None
+    frame: Frame | None = None
+
+    def sample(self, like: Vector, u1: Array, u2: Array) -> Vector:
+        if self.facets is None or self.axis is None or self.frame is None:
+            o = cosine_hemisphere(u1, u2, like)
+        else:
+            w = self.frame.enter(self.axis)
+            o = self.frame.leave(reflect(w, self.facets.sample(w, u1, u2)))
+        z = dr.abs(o.z)
+        return type(like)(o.x, o.y, z if self.up else -z)
+
+    def pdf(self, o: Vector) -> Array:
+        """Density of `o`, for directions on the side of the lobe."""
+        z = dr.abs(o.z)
+        if self.facets is None or self.axis is None or self.frame is None:
+            return z * dr.inv_pi
+        w = self.frame.enter(self.axis)
+        up = self.frame.enter(type(o)(o.x, o.y, z))
+        scale = dr.rcp(4 * dr.maximum(self.facets.sigma(w), 1e-20))
+        folded = dr.normalize(w + mirror(up))
+        density = self.facets.density(dr.normalize(w + up))
+        density = density + dr.select(folded.z > 0, self.facets.density(folded), 0)
+        return density * scale
+
+
+@dataclass
+class Proposal:
+    """The mixture for one wi.
+
+    Attributes:
+        lobes: see `Lobe`; the shares and the two below sum to one.
+        mirror_share, straight_share: probability of the delta parts, reflected and transmitted (None: there are none).
+        reflected, transmitted: what the delta parts carry.
+        straight: direction of the transmitted delta part.
+    """
+
+    lobes: list[Lobe]
+    mirror_share: Array | None
+    straight_share: Array | None
+    reflected: Array
+    transmitted: Array
+    straight: Vector | None
+
+    def pdf(self, wo: Vector) -> Array:
+        """Density per solid angle of everything but the delta parts."""
+        density = 0 * wo.x
+        for lobe in self.lobes:
+            here = wo.z > 0 if lobe.up else wo.z < 0
+            density = density + dr.select(here, lobe.share * lobe.pdf(wo), 0)
+        return density
+
+    def sample(self, wi: Vector, u: Vector) -> tuple[Vector, Array, Array, Any]:
+        """(wo, probability of the delta part chosen, what it carries, mask of delta lanes)."""
+        wo, below = type(wi)(0, 0, 0), 0 * wi.x
+        for lobe in self.lobes:
+            wo = dr.select(u.x >= below, lobe.sample(wi, u.y, u.z), wo)
+            below = below + lobe.share
+        if self.mirror_share is None or self.straight_share is None or self.straight is None:
+            return wo, 0 * wi.x, 0 * wi.x, False
+        first = below
+        mirrored = (u.x >= first) & (self.mirror_share > 0)
+        wo = dr.select(mirrored, type(wi)(-wi.x, -wi.y, wi.z), wo)
+        probability, carried = dr.select(mirrored, self.mirror_share, 0), dr.select(mirrored, self.reflected, 0)
+        straight = (u.x >= first + self.mirror_share) & (self.straight_share > 0)
+        wo = dr.select(straight, self.straight, wo)
+        probability = dr.select(straight, self.straight_share, probability)
+        return wo, probability, dr.select(straight, self.transmitted, carried), mirrored | straight
+
+
+def propose(stack: BoundStack, wi: Vector) -> Proposal:
+    """The mixture for light that comes from wi, on either side."""
+    guess = _guess(stack, wi, above=True)
+    if not stack.opaque:
+        guess = _merge(guess, _guess(stack, wi, above=False), wi.z > 0)
+    reflected, transmitted = smooth_energy(stack, wi) if has_delta(stack) else (0 * wi.x, 0 * wi.x)
+    mirror_weight, straight_weight = _mean(reflected), _mean(transmitted)
+    whole = mirror_weight + straight_weight + guess.near + guess.far
+    for energy, *_ in guess.rough:
+        whole = whole + energy
+    whole = dr.rcp(dr.maximum(whole + guess.through, 1e-20))
+    side_up = wi.z > 0
+    lobes: list[Lobe] = []
+    axis = type(wi)(wi.x, wi.y, dr.abs(wi.z))
+    sides = (True,) if stack.opaque else (True, False)
+    for up in sides:
+        # On the side wi is on the reflected lobes lie, on the other the transmitted one.
+        near = side_up if up else wi.z <= 0
+        for energy, alpha_x, alpha_y, frame in guess.rough:
+            facets = Microfacets(alpha_x, alpha_y, "ggx", "separable")
+            lobes.append(Lobe(dr.select(near, energy * whole, 0), up, axis, facets, frame))
+        if not stack.opaque and guess.axis is not None:
+            facets = Microfacets(guess.alpha_through, guess.alpha_through, "ggx", "separable")
+            lobes.append(Lobe(dr.select(near, 0, guess.through * whole), up, guess.axis, facets, Frame(0.0)))
+        lobes.append(Lobe(dr.select(near, guess.near, guess.far) * whole, up))
+    if not has_delta(stack):
+        return Proposal(lobes, None, None, 0 * wi.x, 0 * wi.x, None)
+    return Proposal(
+        lobes, mirror_weight * whole, straight_weight * whole, reflected, transmitted, _straight(stack, wi)
+    )
+
+
+@dataclass
+class _Guess:
+    """Energies before normalisation: rough lobes [(energy, alpha_x, alpha_y, frame)], cosine lobes near and far."""
+
+    rough: list[tuple[Array, Array, Array, Frame]]
+    near: Array
+    far: Array
+    through: Array
+    alpha_through: Array
+    axis: Vector | None
+
+
+def _mean(value: Array) -> Array:
+    return total(value) * (1 / max(channels(value), 1))
+
+
+def _guess(stack: BoundStack, wi: Vector, above: bool) -> _Guess:
+    """One pass through the stack: how much each interface sends back, and how wide."""
+    cos = cosines(stack, wi, above)
+    last = len(stack.interfaces) - 1
+    order = range(last + 1) if above else range(last, -1, -1)
+    outside = stack.indices[0 if above else -1]
+    passing: Array = 1 + 0 * wi.x
+    blur: Array = 0 * wi.x  # variance of slope that reaching this depth, and coming back, adds
+    bend: Array = 0 * wi.x  # the same for going straight through, in the index of the region
+    diffuse: Array = 0 * wi.x
+    rough: list[tuple[Array, Array, Array, Frame]] = []
+    blurred = False
+    for k in order:
+        interface = stack.interfaces[k]
+        before, after = (k, k + 1) if above else (k + 1, k)
+        reflected, transmitted, alpha = interface.lobe(cos[before], above)
+        index = stack.indices[before]
+        energy = passing * _mean(reflected)
+        if interface.flat:
+            diffuse = diffuse + energy
+        elif interface.delta is not True or blurred:
+            x, y = interface.roughness()
+            scale = dr.square(index / outside)
+            lobe = [dr.clip(dr.sqrt(scale * dr.square(a) + blur), NARROW, WIDE) for a in (x, y)]
+            certain = interface.delta is False or blurred  # else smooth lanes reflect a delta part, counted elsewhere
+            keep = energy if certain else dr.select(interface.delta, 0, energy)
+            rough.append((keep + 1e-3 * (1 if k in (0, last) else 0), lobe[0], lobe[1], getattr(interface, "frame", Frame(0.0))))
+        if interface.opaque:
+            break
+        passing = passing * _mean(transmitted)
+        if interface.delta is not True:
+            blurred = True
+            step = dr.square((stack.indices[after] - index) * alpha)
+            blur, bend = blur + 0.5 * step / dr.square(outside), bend + step
+        medium = stack.media[after] if 0 < after <= last else None
+        if medium is not None:
+            left = _mean(medium.transmittance(1.0, inverse_cosine(cos[after])))
+            if medium.scatters:
+                diffuse = diffuse + passing * (1 - left) * _mean(medium.albedo)
+            passing = passing * left
+    while len(rough) > MOST:
+        (e1, x1, y1, _), (e2, x2, y2, _) = rough.pop(), rough.pop()
+        rough.append((e1 + e2, dr.maximum(x1, x2), dr.maximum(y1, y2), Frame(0.0)))
+    beyond = stack.indices[-1 if above else 0]
+    axis = None
+    if not stack.opaque:
+        ratio = outside / beyond
+        z = dr.safe_sqrt(1 - dr.square(ratio) * (dr.square(wi.x) + dr.square(wi.y)))
+        tilt = dr.minimum(ratio, dr.rcp(dr.maximum(dr.sqrt(dr.square(wi.x) + dr.square(wi.y)), 1e-9)))
+        axis = type(wi)(wi.x * tilt, wi.y * tilt, dr.maximum(z, 1e-4))
+    through = 0 * wi.x if stack.opaque else dr.select(cos[-1 if above else 0] > 0, passing, 0)
+    all_rough = any(interface.delta is not True for interface in stack.interfaces)
+    through = through if all_rough or stack.opaque else 0 * wi.x
+    alpha_through = dr.clip(0.5 * dr.sqrt(bend) / beyond, NARROW, WIDE)
+    far = 0 * wi.x if stack.opaque else FLOOR + 0.5 * diffuse
+    return _Guess(rough, FLOOR + diffuse, far, through, alpha_through, axis)
+
+
+def _merge(down: _Guess, up: _Guess, above: Any) -> _Guess:
+    """The guess of the side that wi is on, lane by lane."""
+    rough = []
+    for a, b in zip(down.rough, reversed(up.rough) if len(up.rough) == len(down.rough) else up.rough, strict=True):
+        rough.append((*(dr.select(above, p, q) for p, q in zip(a[:3], b[:3], strict=True)), a[3]))
+    return _Guess(
+        rough,  # type: ignore[arg-type]
+        dr.select(above, down.near, up.near),
+        dr.select(above, down.far, up.far),
+        dr.select(above, down.through, up.through),
+        dr.select(above, down.alpha_through, up.alpha_through),
+        dr.select(above, down.axis, up.axis),
+    )
+
+
+def _straight(stack: BoundStack, wi: Vector) -> Vector:
+    """Snell's direction on the far side."""
+    if stack.opaque:
+        return -wi
+    above = wi.z > 0
+    ratio = dr.select(above, stack.indices[0] / stack.indices[-1], stack.indices[-1] / stack.indices[0])
+    z = dr.safe_sqrt(1 - dr.square(ratio) * (dr.square(wi.x) + dr.square(wi.y)))
+    return type(wi)(-ratio * wi.x, -ratio * wi.y, dr.select(above, -z, z))

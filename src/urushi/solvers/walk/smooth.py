@@ -1,0 +1,57 @@
+"""The delta parts of a stack: light that meets nothing but smooth interfaces and is scattered nowhere.
+
+Between parallel smooth interfaces the mirror direction and Snell's direction are the only ones, so the infinite
+series of bounces sums exactly, by the adding equations on plain numbers.
+"""
+
+from __future__ import annotations
+
+import drjit as dr
+
+from ...adding import Slab, add
+from ...media import inverse_cosine
+from ...optics.vectors import Array, Vector, total
+from ..bound import BoundStack
+
+
+def has_delta(stack: BoundStack) -> bool:
+    """False where no light leaves without being scattered: the outermost interfaces are rough."""
+    ends = stack.interfaces[:1] if stack.opaque else [stack.interfaces[0], stack.interfaces[-1]]
+    return any(interface.delta is not False for interface in ends)
+
+
+def cosines(stack: BoundStack, wi: Vector, above: bool) -> list[Array]:
+    """The cosine of Snell's direction in every region; 0 where total reflection keeps the light out."""
+    outside = stack.indices[0 if above else -1]
+    sin2 = dr.square(wi.x) + dr.square(wi.y)
+    return [dr.safe_sqrt(1 - dr.square(outside / index) * sin2) for index in stack.indices]
+
+
+def smooth_energy(stack: BoundStack, wi: Vector) -> tuple[Array, Array]:
+    """Reflectance and transmittance (of flux) of the delta parts, for light from wi on either side."""
+    down = _series(stack, cosines(stack, wi, above=True))
+    up = down if stack.opaque else _series(stack, cosines(stack, wi, above=False))
+    above, below = wi.z > 0, (wi.z < 0) & (not stack.opaque)
+    r = dr.select(above, down.r_top, dr.select(below, up.r_bottom, 0))
+    t = dr.select(above, down.t_down, dr.select(below, up.t_up, 0))
+    return r, t
+
+
+def _series(stack: BoundStack, cos: list[Array]) -> Slab:
+    whole: Slab | None = None
+    for k, interface in enumerate(stack.interfaces):
+        r_top, t_down = interface.smooth_energy(cos[k], above=True)
+        if interface.opaque:
+            r_bottom = t_up = 0.0
+        else:
+            r_bottom, t_up = interface.smooth_energy(cos[k + 1], above=False)
+            # What total reflection keeps out bounces nowhere inside.
+            r_bottom = dr.select(total(t_down) > 0, r_bottom, 0)
+        slab = Slab(r_top, t_down, r_bottom, t_up)
+        medium = stack.media[k]
+        if medium is not None and whole is not None:
+            passed = medium.transmittance(1.0, inverse_cosine(cos[k]))
+            whole = add(whole, Slab(0.0, passed, 0.0, passed))
+        whole = slab if whole is None else add(whole, slab)
+    assert whole is not None
+    return whole

@@ -1,0 +1,114 @@
+"""Where light from wi ends up: the walk without a wo, for reflectance and transmittance.
+
+At an outermost interface the walk does both at once, with the same facet: what gets out is counted, what is reflected
+inside goes on. So every path counts something, and no chance decides between the two.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import drjit as dr
+
+from ...media import entry_height, inverse_cosine
+from ...optics.random import Generator, uniform
+from ...optics.vectors import Array, Vector, channels, mirror, negate, peak
+from ..bound import BoundStack
+
+State = dict[str, Any]
+
+#: throughput below which the roulette begins
+ROULETTE = 0.25
+
+
+def trace(
+    stack: BoundStack, wi: Vector, rng: Generator, spectrum: Any, max_depth: int | None = None
+) -> tuple[Array, Array]:
+    """One sample of the flux that leaves upwards and downwards, for light of flux 1 from wi (delta parts included)."""
+    last = len(stack.interfaces) - 1
+    uint = dr.uint32_array_t(dr.value_t(type(wi)))
+    u = (0.5, uniform(rng, wi), uniform(rng, wi))
+    top = stack.interfaces[0]
+    back = top.sample(wi, u, above=True, part="reflect")
+    on = top.sample(wi, u, above=True, part="transmit")
+    lit = wi.z > 0
+    up_flux = spectrum(0) + dr.select(lit & (back.o.z > 0), back.weight, 0)
+    down_flux = spectrum(0) + 0 * wi.x
+    if top.opaque:
+        return up_flux, down_flux
+    d, weight, region = on.o, dr.select(lit & (on.o.z < 0), on.weight, 0), uint(1)
+    if not stack.opaque:
+        bottom = stack.interfaces[last]
+        below = wi.z < 0
+        back_low = bottom.sample(mirror(wi), u, above=False, part="reflect")
+        on_low = bottom.sample(mirror(wi), u, above=False, part="transmit")
+        down_flux = down_flux + dr.select(below & (back_low.o.z > 0), back_low.weight, 0)
+        d = dr.select(below, mirror(on_low.o), d)
+        weight = dr.select(below & (on_low.o.z < 0), on_low.weight, weight)
+        region = dr.select(below, uint(last), region)
+    if last == 0:
+        return up_flux + dr.select(wi.z < 0, weight, 0), down_flux + dr.select(lit, weight, 0)
+    state: State = {
+        "alive": peak(weight) > 0,
+        "d": d,
+        "throughput": spectrum(weight),
+        "up": up_flux,
+        "down": down_flux,
+        "region": region,
+        "t": entry_height(d),
+        "depth": uint(0) + 0 * region,
+        "rng": rng,
+    }
+
+    def body(s: State) -> tuple[State]:
+        s = dict(s)
+        for down in (True, False):
+            for r in stack.regions if down else reversed(stack.regions):
+                _advance(stack, s, r, down)
+        survival = dr.minimum(peak(s["throughput"]) * (1 / ROULETTE), 1)
+        s["alive"] = s["alive"] & (uniform(s["rng"], s["d"]) < survival)
+        s["throughput"] = s["throughput"] / dr.maximum(survival, 1e-30)
+        if max_depth is not None:
+            s["alive"] = s["alive"] & (s["depth"] < max_depth)
+        return (s,)
+
+    if max_depth is not None:
+        state["alive"] = state["alive"] & (max_depth > 0)
+    (out,) = dr.while_loop((state,), lambda s: s["alive"], body, label="trace")
+    return out["up"], out["down"]
+
+
+def _advance(stack: BoundStack, s: State, region: int, down: bool) -> None:
+    """One region, and the interface ahead."""
+    d, rng, medium = s["d"], s["rng"], stack.media[region]
+    here = s["alive"] & (s["region"] == region) & ((d.z < 0) if down else (d.z > 0))
+    if medium is not None and medium.scatters:
+        channel = uniform(rng, d) if channels(medium.depth) else 0.0
+        flight = medium.fly(s["t"], d, s["throughput"], uniform(rng, d), uniform(rng, d), channel)
+        after = medium.phase.sample(d, uniform(rng, d), uniform(rng, d))
+        hit = here & flight.collided
+        s["throughput"] = dr.select(here, s["throughput"] * flight.weight, s["throughput"])
+        s["d"] = d = dr.select(hit, after, d)
+        s["t"] = dr.select(hit, flight.t, s["t"])
+        s["depth"] = dr.select(hit, s["depth"] + 1, s["depth"])
+        here = here & negate(flight.collided)
+    elif medium is not None:
+        passed = medium.transmittance(1.0, inverse_cosine(d.z))
+        s["throughput"] = dr.select(here, s["throughput"] * passed, s["throughput"])
+    k = region if down else region - 1
+    interface = stack.interfaces[k]
+    outer = k in (0, len(stack.interfaces) - 1) and not interface.opaque
+    w = -d if down else mirror(-d)
+    u = (uniform(rng, d), uniform(rng, d), uniform(rng, d))
+    if outer:
+        out = interface.sample(w, u, above=down, part="transmit")
+        side = "down" if down else "up"
+        s[side] = s[side] + dr.select(here & (out.o.z < 0), s["throughput"] * out.weight, 0)
+    event = interface.sample(w, u, above=down, part="reflect" if outer else "both")
+    o = event.o if down else mirror(event.o)
+    s["throughput"] = dr.select(here, s["throughput"] * event.weight, s["throughput"])
+    s["d"] = dr.select(here, o, d)
+    s["t"] = dr.select(here, entry_height(o), s["t"])
+    s["depth"] = dr.select(here, s["depth"] + 1, s["depth"])
+    if event.through is not False and not outer:
+        s["region"] = dr.select(here & event.through, type(s["region"])(region + 1 if down else region - 1), s["region"])
