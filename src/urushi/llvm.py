@@ -14,6 +14,7 @@ says what to do about it.
 
 from __future__ import annotations
 
+import contextlib
 import ctypes
 import os
 import re
@@ -81,6 +82,12 @@ def ensure() -> LLVM:
     old = sorted({library.version[0] for library in _from_system() if library.version})
     seen = f" The system has only LLVM {', '.join(map(str, old))}, which is too old." if old else ""
     raise UrushiError(f"no LLVM was found that Dr.Jit can use.{seen} {HOW}")
+
+
+def prepare() -> None:
+    """As `ensure`, but without a word when there is none: for the moment of import, when it may not matter."""
+    with contextlib.suppress(UrushiError):
+        ensure()
 
 
 def _loaded(drjit: Any) -> LLVM:

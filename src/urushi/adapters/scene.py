@@ -144,16 +144,30 @@ def _softbox(
 
 
 def _sky() -> dict[str, Any]:
-    """A clear sky, the sun high behind the camera's left shoulder."""
+    """A clear sky, the sun high behind the camera's left shoulder.
+
+    The sun is a sphere of three degrees that is sampled by itself: the emitter `sunsky` draws it together with
+    the sky, which takes many times the samples for the same noise.
+    """
+    toward = np.array([-0.55, -0.62, 0.62]) / np.linalg.norm([-0.55, -0.62, 0.62])
     return {
         "sky": {
             "type": "sunsky",
-            "sun_direction": [-0.55, -0.62, 0.62],
+            "sun_direction": list(toward),
             "turbidity": 3.0,
-            "sky_scale": 3.9,
-            "sun_scale": 2.6,
-            "sun_aperture": 3.0,
-        }
+            "sky_scale": 2.9,
+            "sun_scale": 0.0,
+        },
+        "sun": {
+            "type": "sphere",
+            "center": list(200.0 * toward),
+            "radius": 200.0 * np.sin(np.radians(1.5)),
+            "emitter": {
+                "type": "area",
+                "radiance": {"type": "rgb", "value": [1800.0, 1600.0, 1320.0]},
+                "sampling_weight": 2.0,
+            },
+        },
     }
 
 

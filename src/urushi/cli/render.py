@@ -9,9 +9,8 @@ from typing import Any, Literal
 
 import typer
 
-from urushi.cli import backend, common, progress
+from urushi.cli import backend, common, progress, stage
 from urushi.cli.common import WrongUsage
-from urushi.errors import UrushiError
 
 SPP = 128
 SIZE = (512, 512)
@@ -68,9 +67,9 @@ def command(
     bsdf = _bsdf(material, method, samples)
     with progress.bar(f"rendering {stack.name or title}") as advance:
         if scene is None:
-            loaded = _builtin(bsdf, pixels or SIZE, light or "studio", shape or "ball")
+            loaded = stage.builtin(bsdf, pixels or SIZE, light or "studio", shape or "ball")
         else:
-            loaded = _replaced(scene, name, bsdf, pixels)
+            loaded = stage.from_file(scene, name, bsdf, pixels)
         total = spp or (SPP if scene is None else int(loaded.sensors()[0].sampler().sample_count()))
         image = picture.render(loaded, total, seed, advance)
     if bad := picture.invalid(image):
@@ -88,32 +87,6 @@ def _bsdf(material: str, method: str, samples: int | None) -> dict[str, Any]:
     filename = material if material.startswith("preset:") else os.path.abspath(material)
     bsdf: dict[str, Any] = {"type": "layered", "filename": filename, "method": method}
     return bsdf if samples is None else {**bsdf, "samples": samples}
-
-
-def _builtin(bsdf: dict[str, Any], size: tuple[int, int], light: str, shape: str) -> Any:
-    import mitsuba as mi
-
-    from urushi.adapters.scene import scene
-    from urushi.adapters.scene_file import said
-
-    try:
-        return mi.load_dict(scene(bsdf, size=size, light=light, shape=shape))
-    except RuntimeError as error:
-        raise UrushiError(said(error)) from error
-
-
-def _replaced(path: Path, name: str | None, bsdf: dict[str, Any], size: tuple[int, int] | None) -> Any:
-    """The user's scene with the BSDF called `name` exchanged."""
-    from urushi.adapters.scene_file import SceneFile
-
-    file = SceneFile(path)
-    if name not in (ids := file.materials()):
-        asked = "--material is needed with --scene" if name is None else f"the scene has no BSDF {name!r}"
-        raise WrongUsage(f"{asked}; {path} has {', '.join(ids) or 'none with an id'}")
-    file.replace(name, bsdf)
-    if size is not None:
-        file.resize(*size)
-    return file.instantiate()
 
 
 def _pixels(text: str | None) -> tuple[int, int] | None:
