@@ -127,3 +127,8 @@ def test_the_version_is_read_from_the_name(tmp_path, name, version):
     file.parent.mkdir(parents=True, exist_ok=True)
     file.write_bytes(b"")
     assert llvm._version(file) == version
+
+
+def test_preparing_is_silent_where_ensuring_is_not():
+    text = python(HIDE_ALL + "print(llvm.prepare())\n" + TRY)
+    assert text.splitlines()[0] == "None" and "UrushiError" in text
