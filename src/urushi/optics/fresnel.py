@@ -23,12 +23,14 @@ def fresnel_dielectric(cos_i: Array, eta: Array, inv_eta: Array) -> tuple[Array,
     Returns:
         (reflectance, cosine of refraction); (1, 0) beyond the critical angle. Equal indices reflect nothing.
     """
-    cos_t_sq = dr.fma(-dr.square(inv_eta), 1 - dr.square(cos_i), 1)
+    # Snell as (eta^2 - 1 + cos^2) / eta^2, which cancels nowhere but at the critical angle itself.
+    cos_t_sq = dr.square(inv_eta) * dr.fma(eta - 1, eta + 1, dr.square(cos_i))
     cos_t = dr.safe_sqrt(cos_t_sq)
     eta_t, eta_i = eta * cos_t, eta * cos_i
     s_sum, p_sum = cos_i + eta_t, eta_i + cos_t
     s, p = (cos_i - eta_t) * p_sum, (eta_i - cos_t) * s_sum
-    reflectance = 0.5 * (dr.square(s) + dr.square(p)) / dr.square(s_sum * p_sum)
+    # The floor only serves beyond the critical angle, where plain floats would divide by 0.
+    reflectance = 0.5 * (dr.square(s) + dr.square(p)) / dr.maximum(dr.square(s_sum * p_sum), 1e-37)
     return dr.select(cos_t_sq <= 0, dr.select(eta == 1, 0.0, 1.0), reflectance), cos_t
 
 
@@ -41,10 +43,15 @@ def fresnel_conductor(cos_i: Array, eta: Array, k: Array) -> Array:
     """
     cos2 = dr.square(cos_i)
     sin2 = 1 - cos2
-    difference = dr.square(eta) - dr.square(k) - sin2
-    modulus = dr.sqrt(dr.square(difference) + dr.square(2 * eta * k))  # a^2 + b^2 of Born & Wolf
-    cross = 2 * cos_i * dr.safe_sqrt(0.5 * (modulus + difference))
-    s_sum = modulus + cos2
-    p_sum = dr.fma(modulus, cos2, dr.square(sin2))
+    # z = (eta - i k)^2 - sin^2 and its root a - i b (Born & Wolf). The larger of a and b is `root`; where that is b,
+    # a = eta k / b, and everything is multiplied by `root` instead of divided.
+    difference = dr.fma(eta - k, eta + k, -sin2)
+    product = eta * k
+    modulus = dr.sqrt(dr.fma(difference, difference, dr.maximum(dr.square(2 * product), 1e-20)))
+    square = 0.5 * (modulus + dr.abs(difference))
+    root = dr.sqrt(square)
+    cross = 2 * cos_i * dr.select(difference > 0, square, product)
+    s_sum = (modulus + cos2) * root
+    p_sum = dr.fma(modulus, cos2, dr.square(sin2)) * root
     # (R_s + R_p) / 2 with R_p = R_s (p_sum - cross sin2) / (p_sum + cross sin2).
-    return (s_sum - cross) * p_sum / ((s_sum + cross) * dr.fma(cross, sin2, p_sum))
+    return dr.maximum(s_sum - cross, 0) * p_sum / ((s_sum + cross) * dr.fma(cross, sin2, p_sum))
