@@ -31,21 +31,27 @@ class HenyeyGreenstein:
 
     def __init__(self, g: Array) -> None:
         self.g = g
-        self.least = dr.square(1 - g)
+        self.sign = dr.select(g < 0, -1.0, 1.0)
+        self.spread = dr.abs(g)
+        self.least = dr.square(1 - self.spread)
         self.norm = dr.inv_four_pi * (1 - dr.square(g))
         self.flat = False  # whoever knows g to be small may say otherwise
 
     def eval(self, before: Vector, after: Vector) -> Array:
-        # 1 - cos from the difference of the directions: exact where 1 + g^2 - 2 g cos would cancel.
-        inv = dr.rsqrt(dr.fma(self.g, dr.squared_norm(after - before), self.least))
+        # The angle from the peak by the difference of the directions: exact where 1 + g^2 - 2 g cos would cancel.
+        away = dr.squared_norm(dr.fma(before, -self.sign, after))
+        inv = dr.rsqrt(dr.fma(self.spread, away, self.least))
         return self.norm * (inv * dr.square(inv))
 
     def sample(self, before: Vector, u1: Array, u2: Array) -> Vector:
-        # The inverse of the cumulative distribution, multiplied out so that g = 0 is no special case.
-        g, s = self.g, 2 * u1 - 1
-        s2, g2 = dr.square(s), dr.square(g)
-        cos = (s + 0.5 * g * (s2 + 3) + g2 * s + 0.5 * g * g2 * (s2 - 1)) / dr.square(1 + g * s)
-        return around(before, dr.clip(cos, -1, 1), u2)
+        # The inverse of the cumulative distribution, as 1 - cos and 1 + cos: nothing cancels, and g = 0 is no
+        # special case.
+        g, v1 = self.g, 1 - u1
+        scale = 2 * dr.rcp(dr.square(dr.fma(2 * self.spread, dr.select(g < 0, v1, u1), 1 - self.spread)))
+        one_minus = dr.square(1 - g) * v1 * dr.fma(-g, v1, 1 + g) * scale
+        one_plus = dr.square(1 + g) * u1 * dr.fma(g, u1, 1 - g) * scale
+        cos = dr.clip(1 - one_minus, -1, 1)
+        return around(before, cos, u2, dr.sqrt(one_minus * one_plus))
 
 
 class Rayleigh:

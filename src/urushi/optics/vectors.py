@@ -65,15 +65,19 @@ def _polynomial(y: Array, coefficients: tuple[float, ...]) -> Array:
     return value
 
 
-def around(axis: Vector, cos: Array, u: Array) -> Vector:
-    """The direction at angle arccos(`cos`) from `axis`, its azimuth about it drawn by u (frame: Duff et al. 2017)."""
+def around(axis: Vector, cos: Array, u: Array, sin: Array | None = None) -> Vector:
+    """The direction at angle arccos(`cos`) from `axis`, its azimuth about it drawn by u (frame: Duff et al. 2017).
+
+    Where the angle may be small, `sin` says what its cosine cannot.
+    """
     sign = dr.select(axis.z >= 0, 1.0, -1.0)
     a = -dr.rcp(sign + axis.z)
     b = axis.x * axis.y * a
     s = type(axis)(1 + sign * dr.square(axis.x) * a, sign * b, -sign * axis.x)
     t = type(axis)(b, sign + dr.square(axis.y) * a, -axis.y)
     sin_phi, cos_phi = azimuth(u)
-    sin = dr.safe_sqrt((1 - cos) * (1 + cos))
+    if sin is None:
+        sin = dr.safe_sqrt((1 - cos) * (1 + cos))
     return dr.fma(s, sin * cos_phi, dr.fma(t, sin * sin_phi, axis * cos))
 
 
