@@ -75,7 +75,7 @@ def uniform(rng: Generator, like: Vector) -> Array:
     value = float_type(like)
     word = rng.next_word()
     if value is float:
-        return (word >> 8) * 2.0**-24
+        return (word >> 9) * 2.0**-23  # the same 23 bits as in single precision, for the same numbers
     if dr.type_v(value) == dr.VarType.Float32:
         return dr.reinterpret_array(value, (word >> 9) | 0x3F800000) - 1
     return (value(word) + value(rng.next_word()) * 2.0**-32) * 2.0**-32 * (1 - 2.0**-53)
