@@ -80,8 +80,8 @@ class WalkCore:
         def body(i: Array, *sums: Array) -> tuple[Array, ...]:
             new = one(first + i)
             new = new if size > 1 else (new,)
-            mean = tuple(s + v for s, v in zip(sums[:size], new, strict=True))
-            square = tuple(s + dr.square(v) for s, v in zip(sums[size:], new, strict=True))
+            mean = tuple(self.spectrum(s + v) for s, v in zip(sums[:size], new, strict=True))
+            square = tuple(self.spectrum(s + dr.square(v)) for s, v in zip(sums[size:], new, strict=True))
             return (i + 1, *mean, *square)
 
         out = dr.while_loop((uint(0), *([zero] * (2 * size))), lambda i, *_: i < count, body, label="samples")

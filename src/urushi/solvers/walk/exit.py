@@ -151,7 +151,7 @@ def _advance(stack: BoundStack, s: dict[str, Any], region: int, down: bool) -> N
     """One region, and the interface ahead, for the exit rays that travel there."""
     k = region if down else region - 1
     interface, medium, w = stack.interfaces[k], stack.media[region], s["w"]
-    here = s["going"] & (s["region"] == region) & ((w.z < 0) if down else (w.z > 0))
+    here = s["going"] & (s["region"] == region) & ((w.z < 0) if down else (w.z >= 0))
     if interface.delta is False:
         s["going"] = s["going"] & negate(here)
         return

@@ -153,6 +153,13 @@ class _Guess:
     axis: Vector | None
 
 
+def _scatters(stack: BoundStack) -> bool:
+    """False if there are delta parts only."""
+    return any(interface.delta is not True for interface in stack.interfaces) or any(
+        medium is not None and medium.scatters for medium in stack.media
+    )
+
+
 def _mean(value: Array) -> Array:
     return total(value) * (1 / max(channels(value), 1))
 
@@ -208,11 +215,11 @@ def _guess(stack: BoundStack, wi: Vector, above: bool) -> _Guess:
         tilt = dr.minimum(ratio, dr.rcp(dr.maximum(dr.sqrt(dr.square(wi.x) + dr.square(wi.y)), 1e-9)))
         axis = type(wi)(wi.x * tilt, wi.y * tilt, dr.maximum(z, 1e-4))
     through = 0 * wi.x if stack.opaque else dr.select(cos[-1 if above else 0] > 0, passing, 0)
-    all_rough = any(interface.delta is not True for interface in stack.interfaces)
-    through = through if all_rough or stack.opaque else 0 * wi.x
+    through = through if any(interface.delta is not True for interface in stack.interfaces) else 0 * wi.x
     alpha_through = dr.clip(0.5 * dr.sqrt(bend) / beyond, NARROW, WIDE)
-    far = 0 * wi.x if stack.opaque else FLOOR + 0.5 * diffuse
-    return _Guess(rough, FLOOR + diffuse, far, through, alpha_through, axis)
+    floor = FLOOR if _scatters(stack) else 0.0
+    far = 0 * wi.x if stack.opaque else floor + 0.5 * diffuse
+    return _Guess(rough, floor + diffuse, far, through, alpha_through, axis)
 
 
 def _merge(down: _Guess, up: _Guess, above: Any) -> _Guess:

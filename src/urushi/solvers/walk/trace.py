@@ -52,8 +52,8 @@ def trace(
         "alive": peak(weight) > 0,
         "d": d,
         "throughput": spectrum(weight),
-        "up": up_flux,
-        "down": down_flux,
+        "up": spectrum(up_flux),
+        "down": spectrum(down_flux),
         "region": region,
         "t": entry_height(d),
         "depth": uint(0) + 0 * region,
@@ -70,6 +70,8 @@ def trace(
         s["throughput"] = s["throughput"] / dr.maximum(survival, 1e-30)
         if max_depth is not None:
             s["alive"] = s["alive"] & (s["depth"] < max_depth)
+        # Mitsuba's spectra forget their name in arithmetic; a loop insists on the type it began with.
+        s.update({name: spectrum(s[name]) for name in ("throughput", "up", "down")})
         return (s,)
 
     if max_depth is not None:
@@ -81,7 +83,7 @@ def trace(
 def _advance(stack: BoundStack, s: State, region: int, down: bool) -> None:
     """One region, and the interface ahead."""
     d, rng, medium = s["d"], s["rng"], stack.media[region]
-    here = s["alive"] & (s["region"] == region) & ((d.z < 0) if down else (d.z > 0))
+    here = s["alive"] & (s["region"] == region) & ((d.z < 0) if down else (d.z >= 0))
     if medium is not None and medium.scatters:
         channel = uniform(rng, d) if channels(medium.depth) else 0.0
         flight = medium.fly(s["t"], d, s["throughput"], uniform(rng, d), uniform(rng, d), channel)

@@ -73,6 +73,8 @@ def estimate(
         for region in reversed(stack.regions):
             _advance(stack, s, wo, way_out, region, down=False)
         _roulette(s, wi, threshold, max_depth)
+        # Mitsuba's spectra forget their name in arithmetic; a loop insists on the type it began with.
+        s["throughput"], s["light"] = spectrum(s["throughput"]), spectrum(s["light"])
         return (s,)
 
     (out,) = dr.while_loop((state,), lambda s: s["alive"], body, label="walk")
@@ -118,7 +120,7 @@ def _enter(
         weight, pdf = dr.select(up, weight, below.weight), dr.select(up, pdf, below.pdf)
         delta = dr.select(up, delta, stack.interfaces[last].delta)
         region = dr.select(up, 1, last)
-    light = spectrum(0) + _connect_entrance(stack, wi, way_out)
+    light = spectrum(0 + _connect_entrance(stack, wi, way_out))
     state: State = {
         "alive": alive & (peak(weight) > 0),
         "d": d,
@@ -153,7 +155,7 @@ def _connect_entrance(stack: BoundStack, wi: Vector, way_out: Exit) -> Array:
 
 def _advance(stack: BoundStack, s: State, wo: Vector, way_out: Exit, region: int, down: bool) -> None:
     """One region, and the interface ahead, for the lanes that travel there."""
-    here = s["alive"] & ((s["d"].z < 0) if down else (s["d"].z > 0))
+    here = s["alive"] & ((s["d"].z < 0) if down else (s["d"].z >= 0))
     if s["region"] is not None:
         here = here & (s["region"] == region)
     if stack.media[region] is not None:

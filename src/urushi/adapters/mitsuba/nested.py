@@ -1,0 +1,170 @@
+"""Mitsuba's own plugins as layers: `layer_0`, `layer_1`, ... from the top down.
+
+    dielectric, roughdielectric        -> Dielectric (relative index times that of what lies above; separable masking)
+    conductor, roughconductor          -> Conductor (its index is absolute)
+    diffuse                            -> Diffuse
+    homogeneous (a medium)             -> Medium of depth sigma_t * scale * thickness_N (thickness_N is 1 by default)
+
+Their textures stay what they are. Anything else is refused.
+"""
+
+from __future__ import annotations
+
+import re
+from typing import Any
+
+from urushi.errors import MaterialError, UnsupportedStack
+from urushi.stack import Conductor, Dielectric, Diffuse, HenyeyGreenstein, Isotropic, Medium, Rayleigh, Stack
+
+#: stands in a description for a value that Mitsuba's texture gives; inside every range
+_NOMINAL = 0.5
+
+_PHASES = {"HGPhaseFunction": "hg", "IsotropicPhaseFunction": "isotropic", "RayleighPhaseFunction": "rayleigh"}
+
+
+def read_children(mi: Any, children: dict[str, Any], thickness: dict[int, float], name: str) -> tuple[Stack, dict[str, Any]]:
+    """The stack that nested plugins describe, and Mitsuba's objects behind its parameters.
+
+    Args:
+        children: plugin objects by name, ``layer_0`` and so on.
+        thickness: geometric thickness of the media, by number of the layer.
+
+    Returns:
+        the stack, and parameter name -> texture (or number) that gives its value.
+
+    Raises:
+        UnsupportedStack: a child that cannot be read as a layer.
+    """
+    numbers = []
+    for key in children:
+        match = re.fullmatch(r"layer_(\d+)", key)
+        if not match:
+            raise MaterialError(f"found a child {key!r}; allowed: layer_0, layer_1, ... from the top down", where=name)
+        numbers.append(int(match[1]))
+    if sorted(numbers) != list(range(len(numbers))):
+        raise MaterialError(f"found layers {sorted(numbers)}; allowed: 0, 1, 2, ... without gaps", where=name)
+    for number in thickness:
+        if number >= len(numbers) or not isinstance(children[f"layer_{number}"], mi.Medium):
+            raise MaterialError(f"thickness_{number} is given, but layer_{number} is no medium", where=name)
+    layers: list[Any] = []
+    sources: dict[str, Any] = {}
+    reasons: list[str] = []
+    index = 1.0
+    for i in range(len(numbers)):
+        child = children[f"layer_{i}"]
+        try:
+            layer, given, index = _read(mi, child, index, thickness.get(i, 1.0))
+        except _Refused as refusal:
+            reasons.append(f"layer_{i} ({child.class_name()}): {refusal}")
+            continue
+        layers.append(layer)
+        sources.update({f"layer_{i}.{key}": value for key, value in given.items()})
+    if reasons:
+        raise UnsupportedStack("walk", reasons)
+    return Stack(name=name, layers=layers), sources
+
+
+class _Refused(Exception):
+    pass
+
+
+def _read(mi: Any, child: Any, index: float, thickness: float) -> tuple[Any, dict[str, Any], float]:
+    kind = child.class_name()
+    found = _traversed(mi, child)
+    if isinstance(child, mi.Medium):
+        if kind != "HomogeneousMedium":
+            raise _Refused("only homogeneous media can be read")
+        return (*_medium(mi, child, thickness), index)
+    if kind in ("SmoothDiffuse",):
+        return Diffuse(reflectance=_NOMINAL), {"reflectance": found["reflectance"]}, index
+    for part in ("specular_reflectance", "specular_transmittance"):
+        if part in found and not _is_one(mi, found[part]):
+            raise _Refused(f"{part} other than 1 is not physical and cannot be read")
+    rough = kind.startswith("Rough")
+    options: dict[str, Any] = {}
+    given: dict[str, Any] = {}
+    if rough:
+        match = re.search(r"distribution = (\w+)", str(child))
+        options = {"distribution": match[1] if match else "beckmann", "masking": "separable", "alpha": 0.5}
+        if "alpha" in found:
+            given["alpha"] = found["alpha"]
+        else:
+            options["alpha"] = (0.5, 0.5)
+            given["alpha"] = (found["alpha_u"], found["alpha_v"])
+    if kind in ("SmoothDielectric", "RoughDielectric"):
+        eta = mi.traverse(child)["eta"]
+        index = float(eta if isinstance(eta, float) else eta[0]) * index
+        return Dielectric(ior=index, **options), given, index
+    if kind in ("SmoothConductor", "RoughConductor"):
+        given |= {"eta": found["eta"], "k": found["k"]}
+        return Conductor(eta=_NOMINAL, k=_NOMINAL, **options), given, index
+    raise _Refused(
+        "cannot be read as a layer; allowed: dielectric, roughdielectric, conductor, roughconductor, diffuse, homogeneous"
+    )
+
+
+def _medium(mi: Any, child: Any, thickness: float) -> tuple[Medium, dict[str, Any]]:
+    parameters = mi.traverse(child)
+    values: dict[str, Any] = {}
+    for name in ("albedo", "sigma_t"):
+        key = next((k for k in (f"{name}.value.value", f"{name}.value") if k in parameters), None)
+        if key is None:
+            raise _Refused(f"{name} varies inside the medium; only homogeneous ones can be read")
+        values[name] = _colour(parameters[key])
+    scale = float(_first(parameters["scale"])) if "scale" in parameters else 1.0
+    depth = _times(values["sigma_t"], scale * thickness)
+    kind = _PHASES.get(child.phase_function().class_name())
+    if kind is None:
+        raise _Refused(f"phase function {child.phase_function().class_name()} cannot be read; allowed: hg, isotropic, rayleigh")
+    phase: Any = {"isotropic": Isotropic, "rayleigh": Rayleigh}.get(kind, Isotropic)()
+    if kind == "hg":
+        phase = HenyeyGreenstein(g=float(_first(parameters["phase_function.g"])))
+    return Medium(depth=depth, albedo=values["albedo"], phase=phase), {}
+
+
+def _traversed(mi: Any, child: Any) -> dict[str, Any]:
+    """The objects and values right under a plugin, by name."""
+
+    class Collect(mi.TraversalCallback):  # type: ignore[misc, name-defined]
+        def __init__(self) -> None:
+            super().__init__()
+            self.found: dict[str, Any] = {}
+
+        def put_object(self, name: str, value: Any, *_: Any) -> None:
+            self.found[name] = value
+
+        def put_value(self, name: str, value: Any, *_: Any) -> None:
+            self.found[name] = value
+
+        def put(self, name: str, value: Any, *_: Any) -> None:
+            self.found[name] = value
+
+    collect = Collect()
+    child.traverse(collect)
+    return collect.found
+
+
+def _is_one(mi: Any, texture: Any) -> bool:
+    if texture.is_spatially_varying():
+        return False
+    values = [v for k, v in mi.traverse(texture) if k.endswith("value")] or [1.0]
+    return all(abs(c - 1) < 1e-6 for v in values for c in _flat(v))
+
+
+def _flat(value: Any) -> list[float]:
+    import numpy as np
+
+    return [float(v) for v in np.array(value, dtype=float).ravel()]
+
+
+def _first(value: Any) -> float:
+    return _flat(value)[0]
+
+
+def _colour(value: Any) -> Any:
+    flat = _flat(value)
+    return tuple(flat) if len(flat) == 3 and len(set(flat)) > 1 else flat[0]
+
+
+def _times(value: Any, factor: float) -> Any:
+    return tuple(v * factor for v in value) if isinstance(value, tuple) else value * factor

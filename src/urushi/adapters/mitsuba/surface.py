@@ -1,0 +1,153 @@
+"""What every parameter of a stack is worth at a surface point: constants, textures and spectra.
+
+In an RGB variant constants are Dr.Jit numbers and colours that `mi.traverse` exposes and that can be differentiated; in a
+monochrome or spectral one a colour becomes Mitsuba's own `rgb` spectrum, and a metal's index the measured spectrum that
+Mitsuba has for it. Textures are Mitsuba's `bitmap` plugin, or whatever texture a nested child brought along.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+from urushi.solvers.numbers import described
+from urushi.stack import Stack, Texture
+
+#: parameters that may differ from channel to channel
+COLOURS = ("albedo", "reflectance", "depth", "sigma_t", "eta", "k")
+#: those of them that stay in [0, 1]
+BOUNDED = ("albedo", "reflectance")
+
+
+class Parameter:
+    """One continuous parameter in one variant of Mitsuba.
+
+    Attributes:
+        value: a Dr.Jit number or colour, or a Mitsuba texture.
+        factor: multiplies what a texture gives.
+        fixed: the Python value behind it, if it is a constant (None for a texture).
+        colour: whether it differs from channel to channel.
+    """
+
+    def __init__(self, mi: Any, name: str, value: Any) -> None:
+        self.mi = mi
+        self.name = name
+        self.factor: float = 1.0
+        self.fixed: Any = None
+        kind = name.rsplit(".", 1)[-1]
+        self.colour = kind in COLOURS
+        if isinstance(value, Texture):
+            self.factor = value.scale
+            bitmap = {"type": "bitmap", "filename": str(value.path), "raw": bool(value.raw)}
+            value = mi.load_dict(bitmap)
+        elif isinstance(value, mi.Texture):
+            pass
+        elif isinstance(value, tuple) and len(value) == 3:
+            self.fixed = value
+            value = self._constant_colour(value, kind)
+        else:
+            self.fixed, self.colour = value, False
+            value = mi.Float(value)
+        self.value = value
+
+    def _constant_colour(self, value: tuple[float, ...], kind: str) -> Any:
+        mi = self.mi
+        if "rgb" in mi.variant():
+            return mi.Color3f(*value)
+        # Mitsuba makes spectra of colours up to 1: larger ones are scaled down, and their spectrum up again.
+        self.factor = 1.0 if kind in BOUNDED else max(2 * max(value), 1e-20)
+        return mi.load_dict({"type": "rgb", "value": [v / self.factor for v in value]})
+
+    @property
+    def textured(self) -> bool:
+        return isinstance(self.value, self.mi.Texture)
+
+    @property
+    def varies(self) -> bool:
+        """Whether it may differ from point to point."""
+        return self.textured and self.value.is_spatially_varying()
+
+    def at(self, si: Any, active: Any) -> Any:
+        """The value at a surface interaction: a number, or a colour in the variant's channels."""
+        if not self.textured:
+            return self.value
+        if not self.colour:
+            return self.value.eval_1(si, active) * self.factor
+        value = self.value.eval(si, active) * self.factor
+        return value[0] if "mono" in self.mi.variant() else value
+
+
+class Surface:
+    """All parameters of a stack in one variant.
+
+    Args:
+        mi: the mitsuba module, its variant set.
+        stack: the description.
+        sources: Mitsuba textures that stand in for values of the description, by name; a pair for an anisotropic
+            roughness.
+    """
+
+    def __init__(self, mi: Any, stack: Stack, sources: dict[str, Any] | None = None) -> None:
+        self.mi = mi
+        self.stack = stack
+        given = {**described(stack), **_spectral_metals(mi, stack), **(sources or {})}
+        self.exterior = given.pop("exterior")
+        self.parameters: dict[str, Any] = {}
+        for name, value in given.items():
+            if isinstance(value, tuple) and len(value) == 2:
+                self.parameters[name] = tuple(Parameter(mi, name, v) for v in value)
+            else:
+                self.parameters[name] = Parameter(mi, name, value)
+
+    def each(self) -> list[tuple[str, Parameter]]:
+        """Every parameter by the name that `mi.traverse` shows: ``layer_0.alpha``, or ``layer_0.alpha_u`` and ``_v``."""
+        found = []
+        for name, parameter in self.parameters.items():
+            if isinstance(parameter, tuple):
+                found += [(f"{name}_{axis}", p) for axis, p in zip("uv", parameter, strict=True)]
+            else:
+                found.append((name, parameter))
+        return found
+
+    @property
+    def varies(self) -> bool:
+        return any(parameter.varies for _, parameter in self.each())
+
+    @property
+    def coloured(self) -> bool:
+        return any(p.colour and (p.textured or p.fixed is not None) for _, p in self.each())
+
+    def fixed(self) -> dict[str, Any]:
+        """The parameters whose Python value shapes the code (`solvers.bound.bind`)."""
+        known: dict[str, Any] = {"exterior": self.exterior}
+        for name, parameter in self.parameters.items():
+            if isinstance(parameter, tuple):
+                if all(p.fixed is not None for p in parameter):
+                    known[name] = tuple(p.fixed for p in parameter)
+            elif parameter.fixed is not None:
+                known[name] = parameter.fixed
+        return known
+
+    def at(self, si: Any, active: Any) -> dict[str, Any]:
+        """The value of every parameter at a surface interaction."""
+        values: dict[str, Any] = {"exterior": self.exterior}
+        for name, parameter in self.parameters.items():
+            if isinstance(parameter, tuple):
+                values[name] = tuple(p.at(si, active) for p in parameter)
+            else:
+                values[name] = parameter.at(si, active)
+        return values
+
+
+def _spectral_metals(mi: Any, stack: Stack) -> dict[str, Any]:
+    """In variants without RGB, the measured spectra behind the names of metals."""
+    if "rgb" in mi.variant():
+        return {}
+    from .nested import _traversed
+
+    found = {}
+    for i, layer in enumerate(stack.layers):
+        material = getattr(layer, "material", None)
+        if material is not None:
+            metal = _traversed(mi, mi.load_dict({"type": "conductor", "material": material}))
+            found |= {f"layer_{i}.eta": metal["eta"], f"layer_{i}.k": metal["k"]}
+    return found
