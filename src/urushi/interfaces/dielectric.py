@@ -10,7 +10,7 @@ from typing import Any
 
 import drjit as dr
 
-from ..optics.fresnel import fresnel_dielectric
+from ..optics.fresnel import fresnel_between, fresnel_dielectric
 from ..optics.microfacet import Microfacets
 from ..optics.vectors import Array, Vector, negate, reflect, refract
 from .base import Frame, Interface, Part, Scatter
@@ -56,15 +56,16 @@ class BoundDielectric(Interface):
         if self.facets is None:
             return 0 * w.x, 0 * w.x
         w, o, eta = self.frame.enter(w), self.frame.enter(o), self.ratio(above)
-        m = w + eta * o
-        m = m * (dr.rsqrt(dr.maximum(dr.squared_norm(m), 1e-20)) * dr.select(m.z < 0, -1.0, 1.0))
+        # w + eta o = (cos_w - eta cos_o) m by Snell's law: its length is in the Jacobian, too.
+        m = dr.fma(o, eta, w)
+        inv_length = dr.rsqrt(dr.maximum(dr.squared_norm(m), 1e-20))
+        m = m * dr.select(m.z < 0, -inv_length, inv_length)
         cos_w, cos_o = dr.dot(w, m), -dr.dot(o, m)
         crossed = self._rough((w.z > 0) & (o.z < 0) & (cos_w > 0) & (cos_o > 0))
         sigma = self.facets.sigma(w)
-        jacobian = dr.square(eta) * cos_o / dr.maximum(dr.square(cos_w - eta * cos_o), 1e-20)
-        visible = self.facets.density(m) * cos_w * dr.rcp(sigma) * jacobian
+        visible = self.facets.density(m) * cos_w * dr.rcp(sigma) * dr.square(eta * inv_length) * cos_o
         visible = dr.select(crossed, visible, 0)
-        fresnel, _ = fresnel_dielectric(dr.select(crossed, cos_w, 1.0), eta, self.ratio(not above))
+        fresnel = fresnel_between(dr.select(crossed, cos_w, 1.0), dr.maximum(cos_o, 0), eta)
         up = type(o)(o.x, o.y, dr.maximum(-o.z, 0))
         value = (1 - fresnel) * visible * self.facets.masked(w, up, sigma)
         return value, visible if part == "transmit" else (1 - fresnel) * visible

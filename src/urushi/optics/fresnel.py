@@ -26,12 +26,17 @@ def fresnel_dielectric(cos_i: Array, eta: Array, inv_eta: Array) -> tuple[Array,
     # Snell as (eta^2 - 1 + cos^2) / eta^2, which cancels nowhere but at the critical angle itself.
     cos_t_sq = dr.square(inv_eta) * dr.fma(eta - 1, eta + 1, dr.square(cos_i))
     cos_t = dr.safe_sqrt(cos_t_sq)
+    reflectance = fresnel_between(cos_i, cos_t, eta)
+    return dr.select(cos_t_sq <= 0, dr.select(eta == 1, 0.0, 1.0), reflectance), cos_t
+
+
+def fresnel_between(cos_i: Array, cos_t: Array, eta: Array) -> Array:
+    """The same reflectance where both cosines are known, as between two given directions; both >= 0."""
     eta_t, eta_i = eta * cos_t, eta * cos_i
     s_sum, p_sum = cos_i + eta_t, eta_i + cos_t
     s, p = (cos_i - eta_t) * p_sum, (eta_i - cos_t) * s_sum
-    # The floor only serves beyond the critical angle, where plain floats would divide by 0.
-    reflectance = 0.5 * (dr.square(s) + dr.square(p)) / dr.maximum(dr.square(s_sum * p_sum), 1e-37)
-    return dr.select(cos_t_sq <= 0, dr.select(eta == 1, 0.0, 1.0), reflectance), cos_t
+    # The floor only serves grazing angles, where plain floats would divide by 0.
+    return 0.5 * (dr.square(s) + dr.square(p)) / dr.maximum(dr.square(s_sum * p_sum), 1e-37)
 
 
 def fresnel_conductor(cos_i: Array, eta: Array, k: Array) -> Array:

@@ -19,7 +19,7 @@ class Microfacets:
     """A rough surface.
 
     Args:
-        alpha_x, alpha_y: roughness along x and y, in (0, 1].
+        alpha_x, alpha_y: roughness along x and y, in (0, 1]; 0 on lanes that are smooth.
         distribution: "ggx" or "beckmann".
         masking: "correlated" (height-correlated Smith, Heitz 2014) or "separable" (G1 G1; for Beckmann with Walter's
             rational G1), as Mitsuba's `roughconductor` and `roughdielectric` have it.
@@ -28,8 +28,9 @@ class Microfacets:
     def __init__(self, alpha_x: Array, alpha_y: Array, distribution: str, masking: str) -> None:
         self.alpha_x = alpha_x
         self.alpha_y = alpha_y
-        self.inv_x = 1 / alpha_x
-        self.inv_y = 1 / alpha_y
+        # Lanes may be smooth (their interface ignores the density): finite there, so that nothing becomes NaN.
+        self.inv_x = 1 / dr.maximum(alpha_x, 1e-6)
+        self.inv_y = 1 / dr.maximum(alpha_y, 1e-6)
         self.norm = dr.inv_pi * self.inv_x * self.inv_y
         self.ggx = distribution == "ggx"
         self.correlated = masking == "correlated"
@@ -73,8 +74,13 @@ class Microfacets:
         """A facet normal visible from w, with density D(m) max(0, w.m) / sigma(w) per solid angle."""
         return self._sample_ggx(w, u1, u2) if self.ggx else self._sample_beckmann(w, u1, u2)
 
+    def _stretched(self, w: Vector) -> Vector:
+        """Where w points when the roughness is scaled to 1; no direction at all in the plane of a smooth lane."""
+        s = type(w)(self.alpha_x * w.x, self.alpha_y * w.y, w.z)
+        return s * dr.rsqrt(dr.maximum(dr.squared_norm(s), 1e-30))
+
     def _sample_ggx(self, w: Vector, u1: Array, u2: Array) -> Vector:
-        s = dr.normalize(type(w)(self.alpha_x * w.x, self.alpha_y * w.y, w.z))
+        s = self._stretched(w)
         z = dr.fma(1 - u2, 1 + s.z, -s.z)
         r = dr.safe_sqrt((1 - z) * (1 + z))
         sin, cos = azimuth(u1)
@@ -88,7 +94,7 @@ class Microfacets:
             C(x) ~ cos (1 + erf x) / 2 + sin exp(-x^2) / (2 sqrt(pi)),   x <= cot(theta),
         monotonic there; Newton's method on erf(x), kept inside a shrinking bracket, inverts it.
         """
-        s = dr.normalize(type(w)(self.alpha_x * w.x, self.alpha_y * w.y, w.z))
+        s = self._stretched(w)
         sin = dr.safe_sqrt(1 - dr.square(s.z))
         cos = dr.maximum(s.z, 1e-7)
         tan = sin / cos
@@ -98,18 +104,22 @@ class Microfacets:
             x = dr.erfinv(b)
             return 0.5 * (1 + b) + 0.5 * dr.inv_sqrt_pi * tan * dr.exp(-dr.square(x)), x
 
-        total = cumulative(dr.minimum(end, 1 - 1e-6))[0]
+        limit = 1 - 1e-6
+        total = cumulative(dr.minimum(end, limit))[0]
         goal = dr.maximum(u1, 1e-6) * total
-        low, high = -1.0 + 0 * goal, end
-        b = dr.minimum(2 * u1 - 1, high) * 0.999
-        for _ in range(9):
+        low, high = -limit + 0 * goal, dr.minimum(end, limit)
+        # Jakob's first guess: (1 - u) to a power that depends on the angle.
+        theta = dr.acos(dr.minimum(cos, 1))
+        power = dr.fma(theta, dr.fma(theta, dr.fma(theta, -0.0594, 0.4265), -0.876), 1)
+        b = dr.clip(end - (1 + end) * dr.power(dr.maximum(1 - u1, 1e-7), power), low, high)
+        for _ in range(ITER):
             value, x = cumulative(b)
             value = value - goal
             low, high = dr.select(value < 0, b, low), dr.select(value < 0, high, b)
             newton = b - value / (0.5 * (1 - x * tan))
-            b = dr.select((newton > low) & (newton < high), newton, 0.5 * (low + high))
-        limit = 1 - 1e-6
-        x = dr.erfinv(dr.clip(b, -limit, limit))
+            # The bounds themselves are allowed: that is where a converged step ends.
+            b = dr.select((newton >= low) & (newton <= high), newton, 0.5 * (low + high))
+        x = dr.erfinv(b)
         y = dr.erfinv(dr.clip(2 * u2 - 1, -limit, limit))
         length = dr.maximum(dr.sqrt(dr.square(s.x) + dr.square(s.y)), 1e-20)
         turned = length > 1e-10

@@ -9,6 +9,8 @@ from __future__ import annotations
 
 from typing import Any
 
+import drjit as dr
+
 from urushi.solvers.numbers import described
 from urushi.stack import Stack, Texture
 
@@ -46,13 +48,14 @@ class Parameter:
             value = self._constant_colour(value, kind)
         else:
             self.fixed, self.colour = value, False
-            value = mi.Float(value)
+            # Opaque: a variable of the compiled code, so that another number compiles nothing anew.
+            value = dr.opaque(mi.Float, value)
         self.value = value
 
     def _constant_colour(self, value: tuple[float, ...], kind: str) -> Any:
         mi = self.mi
         if "rgb" in mi.variant():
-            return mi.Color3f(*value)
+            return mi.Color3f(*(dr.opaque(mi.Float, v) for v in value))
         # Mitsuba makes spectra of colours up to 1: larger ones are scaled down, and their spectrum up again.
         self.factor = 1.0 if kind in BOUNDED else max(2 * max(value), 1e-20)
         return mi.load_dict({"type": "rgb", "value": [v / self.factor for v in value]})

@@ -13,8 +13,10 @@ Sources: Pharr & Hanrahan 2000; Guo, Hasan & Zhao 2018.
 
 from __future__ import annotations
 
+import sys
 from typing import Any
 
+from urushi import llvm
 from urushi.errors import UnsupportedStack
 from urushi.stack import Stack
 
@@ -38,6 +40,8 @@ def solve(stack: Stack, **options: Any) -> Any:
     reasons = reasons_against(stack)
     if reasons:
         raise UnsupportedStack("walk", reasons)
+    if "drjit" not in sys.modules:
+        llvm.prepare()  # before Dr.Jit takes the first LLVM it finds
     from .result import WalkBSDF
 
     return WalkBSDF(stack, **options)
