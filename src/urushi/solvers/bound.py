@@ -29,17 +29,21 @@ from ..optics.vectors import Array
 #: index ratios nearer to 1 than this are index-matched: single precision cannot resolve their refraction
 MATCHED = 1e-4
 
+#: chance to go on after a turn through the stack that met nothing but smooth interfaces, where light may be trapped
+CALM = 1 - 2.0**-6
+
 #: mean cosines up to which a phase function counts as flat: nowhere more than 6 times its mean
 FLAT = 0.5
 
 
 @dataclass
 class BoundStack:
-    """See the module docstring; `names[k]` is the layer that interface k came from (None for a null boundary)."""
+    """See the module docstring. `still` is the same stack with its numbers detached from derivatives, if any are live."""
 
     interfaces: list[Interface]
     media: list[BoundMedium | None]
     indices: list[Array]
+    still: BoundStack | None = None
 
     @property
     def opaque(self) -> bool:
@@ -49,6 +53,16 @@ class BoundStack:
     def regions(self) -> range:
         """The regions between two interfaces."""
         return range(1, len(self.interfaces))
+
+    @property
+    def traps(self) -> bool:
+        """True if light may go round and round between smooth interfaces, which only rounding can make it do for ever.
+
+        What gets in by refraction gets out by it, but at grazing angles single precision may see total reflection on
+        the way out.
+        """
+        smooth = [interface.delta is not False for interface in self.interfaces]
+        return any(one and other for one, other in zip(smooth, smooth[1:], strict=False))
 
 
 def bind(stack: Any, values: Mapping[str, Array], fixed: Mapping[str, Any]) -> BoundStack:
@@ -63,7 +77,7 @@ def bind(stack: Any, values: Mapping[str, Array], fixed: Mapping[str, Any]) -> B
     """
     interfaces: list[Interface] = []
     media: list[BoundMedium | None] = [None]
-    indices: list[Array] = [stack.exterior]
+    indices: list[Array] = [values.get("exterior", stack.exterior)]
     known_index: list[Any] = [stack.exterior]
 
     def close(interface: Interface, index: Array, known: Any) -> None:

@@ -34,9 +34,9 @@ import drjit as dr
 from urushi.errors import MaterialError, UnsupportedStack
 from urushi.io import load
 from urushi.solvers import PLANNED, SOLVERS
-from urushi.solvers.bound import bind
 from urushi.solvers.walk import reasons_against
 from urushi.solvers.walk.core import WalkCore
+from urushi.solvers.walk.derivative import bind_live
 from urushi.solvers.walk.smooth import has_delta
 
 from .nested import read_children
@@ -70,7 +70,7 @@ def make_plugin(mi: Any) -> Any:
         # --- evaluation ----------------------------------------------------------------------------------------
 
         def _bound(self, si: Any, active: Any) -> Any:
-            return bind(self.stack, self.surface.at(si, active), self.surface.fixed())
+            return bind_live(self.stack, self.surface.at(si, active), self.surface.fixed())
 
         def _core(self, ctx: Any, si: Any, active: Any) -> WalkCore:
             coloured = self.surface.coloured and "mono" not in mi.variant()

@@ -84,16 +84,17 @@ class WalkCore:
             square = tuple(self.spectrum(s + dr.square(v)) for s, v in zip(sums[size:], new, strict=True))
             return (i + 1, *mean, *square)
 
-        out = dr.while_loop((uint(0), *([zero] * (2 * size))), lambda i, *_: i < count, body, label="samples")
+        most = int(count) if self.stack.still is not None else None
+        out = dr.while_loop((uint(0), *([zero] * (2 * size))), lambda i, *_: i < count, body, label="samples", max_iterations=most)
         size_inv = 1 / float_type(wi)(count)
         return tuple(value * size_inv for value in out[1:])
 
     def pdf(self, wi: Vector, wo: Vector) -> Array:
         """Density of `sample`, per solid angle, without the delta parts."""
-        return propose(self.stack, wi).pdf(wo)
+        return propose(self.stack.still or self.stack, wi).pdf(wo)
 
     def sample(self, wi: Vector, u: Vector) -> tuple[Vector, Array, Array, Any]:
         """(wo, density or probability, what a delta part carries in flux, mask of delta lanes)."""
-        proposal = propose(self.stack, wi)
+        proposal = propose(self.stack.still or self.stack, wi)
         wo, probability, carried, delta = proposal.sample(wi, u)
         return wo, dr.select(delta, probability, proposal.pdf(wo)), carried, delta

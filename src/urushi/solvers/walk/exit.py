@@ -17,7 +17,7 @@ import drjit as dr
 from ...media import inverse_cosine
 from ...optics.random import Generator, uniform
 from ...optics.vectors import Array, Vector, mirror, negate, total
-from ..bound import BoundStack
+from ..bound import CALM, BoundStack
 
 #: stands for the density of a delta distribution in MIS ratios; its square still fits single precision
 DELTA = 1e18
@@ -104,13 +104,14 @@ def _uint(w: Vector) -> Any:
 
 def _cross(stack: BoundStack, wo: Vector, rng: Generator, above: bool) -> Exit:
     interface = stack.interfaces[0 if above else -1]
-    seen = wo if above else mirror(wo)
+    # A direction on the other side stands for its mirror image here, and carries nothing.
+    seen = type(wo)(wo.x, wo.y, dr.abs(wo.z))
     smooth = interface.delta is True
     u = (0.0, 0.0, 0.0) if smooth else (0.0, uniform(rng, wo), uniform(rng, wo))
     event = interface.sample(seen, u, above, part="transmit")
     inside = event.o if above else mirror(event.o)
     # Total reflection and facets seen from behind carry nothing.
-    alive = (seen.z > 0) & (event.o.z < 0)
+    alive = ((wo.z > 0) if above else (wo.z < 0)) & (event.o.z < 0)
     weight = dr.select(alive, event.weight * flux_back(stack, wo, inside, above), 0)
     region = 1 if above else len(stack.interfaces) - 1
     pdf = dr.select(interface.delta, DELTA, event.pdf)
@@ -139,6 +140,10 @@ def _follow(stack: BoundStack, start: Exit, rng: Generator) -> Exit:
         for down in (True, False):
             for region in stack.regions if down else reversed(stack.regions):
                 _advance(stack, s, region, down)
+        s["weight"] = dr.select(s["going"], s["weight"] * (1 / CALM), s["weight"])
+        lost = s["going"] & (uniform(s["rng"], s["w"]) >= CALM)
+        s["weight"] = dr.select(lost, 0, s["weight"])
+        s["going"] = s["going"] & negate(lost)
         return (s,)
 
     (out,) = dr.while_loop((state,), lambda s: s["going"], body, label="exit ray")

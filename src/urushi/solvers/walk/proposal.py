@@ -122,7 +122,8 @@ def propose(stack: BoundStack, wi: Vector) -> Proposal:
     whole = dr.rcp(dr.maximum(whole + guess.through, 1e-20))
     side_up = wi.z > 0
     lobes: list[Lobe] = []
-    axis = type(wi)(wi.x, wi.y, dr.abs(wi.z))
+    # Kept off the horizon, so that no half-way vector vanishes.
+    axis = type(wi)(wi.x, wi.y, dr.maximum(dr.abs(wi.z), 1e-6))
     sides = (True,) if stack.opaque else (True, False)
     for up in sides:
         # On the side wi is on the reflected lobes lie, on the other the transmitted one.

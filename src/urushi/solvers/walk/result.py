@@ -14,10 +14,10 @@ from urushi.errors import UrushiError
 from urushi.stack import Stack
 
 from ...optics.vectors import channels
-from ..bound import bind
 from ..bsdf import BSDF, Sample, directions, random_numbers, same_count
 from ..numbers import gather_numbers
 from .core import WalkCore
+from .derivative import bind_live
 from .smooth import has_delta
 from .walk import direct
 
@@ -249,7 +249,7 @@ class WalkBSDF(BSDF):
         if lanes is not None:
             numbers.values = {name: _gathered(value, lanes) for name, value in numbers.values.items()}
         spectrum = self._vector(module) if numbers.coloured else self._float(module)
-        stack = bind(self.stack, numbers.values, numbers.fixed)
+        stack = bind_live(self.stack, numbers.values, numbers.fixed)
         core = WalkCore(stack, spectrum, radiance=self.mode == "radiance", max_depth=self.max_depth)
         if lanes is None:
             self._cores[module.__name__] = core, numbers.lanes

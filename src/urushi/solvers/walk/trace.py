@@ -13,7 +13,8 @@ import drjit as dr
 from ...media import entry_height, inverse_cosine
 from ...optics.random import Generator, uniform
 from ...optics.vectors import Array, Vector, channels, mirror, negate, peak
-from ..bound import BoundStack
+from ..bound import CALM, BoundStack
+from .derivative import MOST_SWEEPS, relative
 
 State = dict[str, Any]
 
@@ -49,50 +50,63 @@ def trace(
     if last == 0:
         return up_flux + dr.select(wi.z < 0, weight, 0), down_flux + dr.select(lit, weight, 0)
     state: State = {
-        "alive": peak(weight) > 0,
         "d": d,
         "throughput": spectrum(weight),
         "up": spectrum(up_flux),
         "down": spectrum(down_flux),
         "region": region,
         "t": entry_height(d),
+        "turn": None if stack.still is None else uint(0),
         "depth": uint(0) + 0 * region,
         "rng": rng,
+        "calm": None,  # lanes that met only smooth interfaces in this turn
     }
 
     def body(s: State) -> tuple[State]:
         s = dict(s)
+        s["calm"] = True if stack.traps else None
         for down in (True, False):
             for r in stack.regions if down else reversed(stack.regions):
                 _advance(stack, s, r, down)
-        survival = dr.minimum(peak(s["throughput"]) * (1 / ROULETTE), 1)
-        s["alive"] = s["alive"] & (uniform(s["rng"], s["d"]) < survival)
-        s["throughput"] = s["throughput"] / dr.maximum(survival, 1e-30)
+        survival = dr.minimum(peak(dr.detach(s["throughput"])) * (1 / ROULETTE), 1)
+        if s["calm"] is not None:
+            survival = dr.select(s["calm"], dr.minimum(survival, CALM), survival)
+            s["calm"] = None
+        alive = uniform(s["rng"], s["d"]) < survival
         if max_depth is not None:
-            s["alive"] = s["alive"] & (s["depth"] < max_depth)
+            alive = alive & (s["depth"] < max_depth)
+        if stack.still is not None:
+            s["turn"] = s["turn"] + 1
+            alive = alive & (s["turn"] < MOST_SWEEPS)
+        s["throughput"] = dr.select(alive, s["throughput"] / dr.maximum(survival, 1e-30), 0)
         # Mitsuba's spectra forget their name in arithmetic; a loop insists on the type it began with.
         s.update({name: spectrum(s[name]) for name in ("throughput", "up", "down")})
         return (s,)
 
-    if max_depth is not None:
-        state["alive"] = state["alive"] & (max_depth > 0)
-    (out,) = dr.while_loop((state,), lambda s: s["alive"], body, label="trace")
+    if max_depth == 0:
+        return state["up"], state["down"]
+    most = None if stack.still is None else MOST_SWEEPS
+    (out,) = dr.while_loop((state,), lambda s: peak(dr.detach(s["throughput"])) > 0, body, label="trace", max_iterations=most)
     return out["up"], out["down"]
 
 
 def _advance(stack: BoundStack, s: State, region: int, down: bool) -> None:
     """One region, and the interface ahead."""
     d, rng, medium = s["d"], s["rng"], stack.media[region]
-    here = s["alive"] & (s["region"] == region) & ((d.z < 0) if down else (d.z >= 0))
+    here = (s["region"] == region) & ((d.z < 0) if down else (d.z >= 0))
     if medium is not None and medium.scatters:
         channel = uniform(rng, d) if channels(medium.depth) else 0.0
         flight = medium.fly(s["t"], d, s["throughput"], uniform(rng, d), uniform(rng, d), channel)
         after = medium.phase.sample(d, uniform(rng, d), uniform(rng, d))
         hit = here & flight.collided
         s["throughput"] = dr.select(here, s["throughput"] * flight.weight, s["throughput"])
+        if stack.still is not None:
+            s["throughput"] = dr.select(hit, s["throughput"] * relative(medium.phase.eval(d, after)), s["throughput"])
         s["d"] = d = dr.select(hit, after, d)
         s["t"] = dr.select(hit, flight.t, s["t"])
         s["depth"] = dr.select(hit, s["depth"] + 1, s["depth"])
+        if s["calm"] is not None:
+            s["calm"] = s["calm"] & negate(hit)
         here = here & negate(flight.collided)
     elif medium is not None:
         passed = medium.transmittance(1.0, inverse_cosine(d.z))
@@ -112,5 +126,7 @@ def _advance(stack: BoundStack, s: State, region: int, down: bool) -> None:
     s["d"] = dr.select(here, o, d)
     s["t"] = dr.select(here, entry_height(o), s["t"])
     s["depth"] = dr.select(here, s["depth"] + 1, s["depth"])
+    if s["calm"] is not None and interface.delta is not True:
+        s["calm"] = s["calm"] & negate(here if interface.delta is False else here & negate(interface.delta))
     if event.through is not False and not outer:
         s["region"] = dr.select(here & event.through, type(s["region"])(region + 1 if down else region - 1), s["region"])

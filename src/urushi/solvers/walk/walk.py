@@ -25,7 +25,8 @@ from ...interfaces import Interface, Scatter
 from ...media import entry_height, inverse_cosine
 from ...optics.random import Generator, uniform
 from ...optics.vectors import Array, Vector, channels, mirror, negate, peak
-from ..bound import BoundStack
+from ..bound import CALM, BoundStack
+from .derivative import MOST_SWEEPS, relative
 from .exit import DELTA, Exit, flux_back, sample_exit
 
 State = dict[str, Any]
@@ -68,17 +69,26 @@ def estimate(
 
     def body(s: State) -> tuple[State]:
         s = dict(s)
+        s["calm"] = True if stack.traps else None
         for region in stack.regions:
             _advance(stack, s, wo, way_out, region, down=True)
         for region in reversed(stack.regions):
             _advance(stack, s, wo, way_out, region, down=False)
         _roulette(s, wi, threshold, max_depth)
+        if s["turn"] is not None:
+            s["turn"] = s["turn"] + 1
+            s["throughput"] = dr.select(s["turn"] < MOST_SWEEPS, s["throughput"], 0)
         # Mitsuba's spectra forget their name in arithmetic; a loop insists on the type it began with.
         s["throughput"], s["light"] = spectrum(s["throughput"]), spectrum(s["light"])
         return (s,)
 
-    (out,) = dr.while_loop((state,), lambda s: s["alive"], body, label="walk")
+    most = None if stack.still is None else MOST_SWEEPS
+    (out,) = dr.while_loop((state,), _carries, body, label="walk", max_iterations=most)
     return out["light"]
+
+
+def _carries(s: State) -> Any:
+    return peak(dr.detach(s["throughput"])) > 0
 
 
 def _connects_only(stack: BoundStack) -> bool:
@@ -90,6 +100,7 @@ def _connects_only(stack: BoundStack) -> bool:
 
 def _weight(own: Array, other: Array) -> Array:
     """Power heuristic: the weight of the strategy of density `own` against `other` for the same path."""
+    own, other = dr.detach(own), dr.detach(other)
     return dr.rcp(1 + dr.square(other / dr.maximum(own, 1e-18)))
 
 
@@ -122,16 +133,18 @@ def _enter(
         region = dr.select(up, 1, last)
     light = spectrum(0 + _connect_entrance(stack, wi, way_out))
     state: State = {
-        "alive": alive & (peak(weight) > 0),
         "d": d,
-        "throughput": spectrum(weight),
+        "throughput": spectrum(dr.select(alive, weight, 0)),  # a path that carries nothing has ended
         "light": light,
         "rng": rng,
         # density of the last sampled direction, in the current region; DELTA before any vertex that can be connected
         "pdf": None if _connects_only(stack) else dr.select(delta, DELTA, pdf),
         "depth": None if max_depth is None else _uint(wi)(0),
+        "turn": None if stack.still is None else _uint(wi)(0),
         "region": None if last == 1 else _uint(wi)(region),
         "t": None,
+        # lanes that met only smooth interfaces in this turn
+        "calm": None,
     }
     if any(medium is not None and medium.scatters for medium in stack.media):
         state["t"] = entry_height(d)
@@ -155,7 +168,7 @@ def _connect_entrance(stack: BoundStack, wi: Vector, way_out: Exit) -> Array:
 
 def _advance(stack: BoundStack, s: State, wo: Vector, way_out: Exit, region: int, down: bool) -> None:
     """One region, and the interface ahead, for the lanes that travel there."""
-    here = s["alive"] & ((s["d"].z < 0) if down else (s["d"].z >= 0))
+    here = (s["d"].z < 0) if down else (s["d"].z >= 0)
     if s["region"] is not None:
         here = here & (s["region"] == region)
     if stack.media[region] is not None:
@@ -188,11 +201,15 @@ def _fly(stack: BoundStack, s: State, way_out: Exit, region: int, here: Any) -> 
     hit = here & flight.collided
     after = phase.sample(d, uniform(rng, d), uniform(rng, d))
     s["throughput"] = dr.select(here, s["throughput"] * flight.weight, s["throughput"])
+    if stack.still is not None:
+        s["throughput"] = dr.select(hit, s["throughput"] * relative(phase.eval(d, after)), s["throughput"])
     if s["pdf"] is not None:
-        s["pdf"] = dr.select(hit, 0.0 if phase.flat else phase.eval(d, after), s["pdf"])
+        s["pdf"] = dr.select(hit, 0.0 if phase.flat else dr.detach(phase.eval(d, after)), s["pdf"])
     s["d"] = dr.select(hit, after, d)
     s["t"] = dr.select(hit, flight.t, s["t"])
     _count(s, hit)
+    if s["calm"] is not None:
+        s["calm"] = s["calm"] & negate(hit)
     return here & negate(flight.collided)
 
 
@@ -229,6 +246,8 @@ def _meet(
     if s["region"] is not None and not outer and event.through is not False:
         beyond = region + 1 if down else region - 1
         s["region"] = dr.select(here & event.through, type(s["region"])(beyond), s["region"])
+    if s["calm"] is not None and interface.delta is not True:
+        s["calm"] = s["calm"] & negate(here if interface.delta is False else here & negate(interface.delta))
     _count(s, here)
 
 
@@ -286,7 +305,11 @@ def _roulette_threshold(stack: BoundStack) -> float:
 
 def _roulette(s: State, like: Vector, threshold: float, max_depth: int | None) -> None:
     """End paths that carry little, in proportion; the rest carry more."""
-    survival = dr.minimum(peak(s["throughput"]) * (1 / threshold), 1)
-    alive = s["alive"] & (uniform(s["rng"], like) < survival)
-    s["throughput"] = s["throughput"] / dr.maximum(survival, 1e-30)
-    s["alive"] = alive if max_depth is None else alive & (s["depth"] < max_depth)
+    survival = dr.minimum(peak(dr.detach(s["throughput"])) * (1 / threshold), 1)
+    if s["calm"] is not None:
+        survival = dr.select(s["calm"], dr.minimum(survival, CALM), survival)
+        s["calm"] = None
+    alive = uniform(s["rng"], like) < survival
+    if max_depth is not None:
+        alive = alive & (s["depth"] < max_depth)
+    s["throughput"] = dr.select(alive, s["throughput"] / dr.maximum(survival, 1e-30), 0)

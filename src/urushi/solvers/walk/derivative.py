@@ -1,0 +1,151 @@
+"""Derivatives of the walk: sample with the numbers held still, weigh with the live ones.
+
+The mean of f / p over directions drawn from p is right whatever p is, so p need not follow the parameters: directions,
+distances and choices are sampled by a copy of the stack whose numbers are detached from the derivative, and every
+event multiplies the path by its live flux density over that detached density ("detached sampling", Zeltner et al. 2021,
+Monte Carlo Estimators for Differential Light Transport). No derivative of a choice is lost, since none is taken. What a
+smooth interface does to a direction has no density; there the direction itself carries the derivative.
+
+The classes here stand in for the interfaces, media and phase functions of a stack when a parameter has its gradient
+enabled, and cost nothing when none has.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import drjit as dr
+
+from ...interfaces import Interface, Scatter
+from ...interfaces.base import Part
+from ...media import inverse_cosine
+from ...media.homogeneous import Flight
+from ...optics.vectors import Array, Vector
+from ..bound import BoundStack, bind
+
+#: sweeps after which a path ends when gradients are enabled: reverse mode has to know how much to remember
+MOST_SWEEPS = 64
+
+
+def bind_live(stack: Any, values: Mapping[str, Array], fixed: Mapping[str, Any]) -> BoundStack:
+    """`bind`, with live and detached numbers side by side if any value has its gradient enabled."""
+    live = bind(stack, values, fixed)
+    if not any(_live(value) for value in values.values()):
+        return live
+    still = bind(stack, {name: _detached(value) for name, value in values.items()}, fixed)
+    return BoundStack(
+        [LiveInterface(a, b) for a, b in zip(live.interfaces, still.interfaces, strict=True)],
+        [None if a is None else LiveMedium(a, b) for a, b in zip(live.media, still.media, strict=True)],  # type: ignore[misc]
+        live.indices,
+        still=still,
+    )
+
+
+def _live(value: Any) -> bool:
+    if isinstance(value, tuple):
+        return any(_live(v) for v in value)
+    return bool(dr.grad_enabled(value)) if dr.is_array_v(value) else False
+
+
+def _detached(value: Any) -> Any:
+    if isinstance(value, tuple):
+        return tuple(_detached(v) for v in value)
+    return dr.detach(value) if dr.is_array_v(value) else value
+
+
+def _follow(weight: Array, live: Array, density: Array) -> Array:
+    """`weight`, with the derivative of `live` / `density`."""
+    slope = (live - dr.detach(live)) / dr.maximum(dr.detach(density), 1e-20)
+    return weight + dr.select(dr.detach(density) > 0, slope, 0)
+
+
+class LiveInterface(Interface):
+    """An interface whose values are live and whose sampling stands still."""
+
+    def __init__(self, live: Interface, still: Interface) -> None:
+        self.live, self.still = live, still
+        self.opaque, self.flat, self.delta = live.opaque, live.flat, still.delta
+
+    def reflect(self, w: Vector, o: Vector, above: bool, part: Part = "both") -> tuple[Array, Array]:
+        value, pdf = self.live.reflect(w, o, above, part)
+        return value, dr.detach(pdf)
+
+    def transmit(self, w: Vector, o: Vector, above: bool, part: Part = "both") -> tuple[Array, Array]:
+        value, pdf = self.live.transmit(w, o, above, part)
+        return value, dr.detach(pdf)
+
+    def sample(self, w: Vector, u: tuple[Array, Array, Array], above: bool, part: Part = "both") -> Scatter:
+        event = self.still.sample(dr.detach(w), u, above, part)
+        smooth = self._smooth(w, u, above, part) if self.delta is not False else None
+        if self.delta is True:
+            assert smooth is not None
+            return smooth
+        reflected = self.live.reflect(w, event.o, above, part)[0] if part != "transmit" else 0 * event.pdf
+        passed = self.live.transmit(w, event.o, above, part)[0] if part != "reflect" and not self.opaque else 0
+        weight = _follow(event.weight, dr.select(event.through, passed, reflected), event.pdf)
+        if smooth is None:
+            return Scatter(event.o, weight, event.pdf, event.through)
+        o = dr.select(self.delta, smooth.o, event.o)
+        return Scatter(o, dr.select(self.delta, smooth.weight, weight), event.pdf, event.through)
+
+    def _smooth(self, w: Vector, u: tuple[Array, Array, Array], above: bool, part: Part) -> Scatter:
+        """A delta event: the direction follows the index, and so does the probability of what was chosen."""
+        event = self.live.sample(w, u, above, part)
+        if part != "both" or self.opaque:
+            return event
+        r, t = self.live.smooth_energy(w.z, above)
+        energy = dr.select(event.through, t, r)
+        return Scatter(event.o, _follow(event.weight, energy, energy), event.pdf, event.through)
+
+    def ratio(self, above: bool) -> Array:
+        return self.live.ratio(above)
+
+    def smooth_energy(self, cos: Array, above: bool) -> tuple[Array, Array]:
+        return self.live.smooth_energy(cos, above)
+
+    def lobe(self, cos: Array, above: bool) -> tuple[Array, Array, Array]:
+        return self.still.lobe(cos, above)
+
+
+class LivePhase:
+    """A phase function whose value is live and whose sampling stands still."""
+
+    def __init__(self, live: Any, still: Any) -> None:
+        self._live, self._still = live, still
+        self.flat = live.flat
+
+    def eval(self, before: Vector, after: Vector) -> Array:
+        return self._live.eval(before, after)
+
+    def sample(self, before: Vector, u1: Array, u2: Array) -> Vector:
+        return self._still.sample(dr.detach(before), u1, u2)
+
+
+class LiveMedium:
+    """A medium whose weights are live and whose sampling stands still."""
+
+    def __init__(self, live: Any, still: Any) -> None:
+        self.live, self.still = live, still
+        self.depth, self.albedo, self.scatters = live.depth, live.albedo, live.scatters
+        self.phase = LivePhase(live.phase, still.phase)
+
+    def transmittance(self, distance: Array, inv_cos: Array) -> Array:
+        return self.live.transmittance(distance, inv_cos)
+
+    def fly(self, t: Array, w: Vector, throughput: Array, u1: Array, u2: Array, u3: Array) -> Flight:
+        flight = self.still.fly(dr.detach(t), dr.detach(w), dr.detach(throughput), u1, u2, u3)
+        inv_cos = inverse_cosine(w.z)
+        ahead = dr.select(w.z < 0, 1 - t, t)
+        # Flux that passes, and flux that collides per distance; in ratio to themselves, times what was sampled.
+        passed = relative(self.live.transmittance(ahead, inv_cos))
+        density = self.live.albedo * self.live.depth * self.live.transmittance(dr.abs(flight.t - t), inv_cos)
+        hit = relative(density * inv_cos)
+        weight = flight.weight * dr.select(flight.collided, hit, passed)
+        return Flight(flight.collided, flight.t, weight, flight.scattered * hit)
+
+
+def relative(value: Array) -> Array:
+    """1, with the logarithmic derivative of `value`."""
+    still = dr.detach(value)
+    return dr.select(still > 0, 1 + (value - still) / dr.maximum(still, 1e-30), 1)
