@@ -12,6 +12,9 @@ from ..optics.vectors import Array, Vector, rotate
 
 Part = Literal["both", "reflect", "transmit"]
 
+#: directions nearer to the horizon than this see nothing of a rough surface: two of them have no normal half-way
+HORIZON = 1e-14
+
 
 @dataclass
 class Scatter:

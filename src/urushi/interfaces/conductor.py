@@ -8,8 +8,8 @@ import drjit as dr
 
 from ..optics.fresnel import fresnel_conductor
 from ..optics.microfacet import Microfacets
-from ..optics.vectors import Array, Vector, negate, reflect
-from .base import Frame, Interface, Part, Scatter
+from ..optics.vectors import Array, Vector, halfway, negate, reflect
+from .base import HORIZON, Frame, Interface, Part, Scatter
 
 
 class BoundConductor(Interface):
@@ -38,10 +38,10 @@ class BoundConductor(Interface):
         if self.facets is None:
             return 0 * w.x, 0 * w.x
         w, o = self.frame.enter(w), self.frame.enter(o)
-        m = dr.normalize(w + o)
+        m = halfway(w, o)
         sigma = self.facets.sigma(w)
         pdf = self.facets.density(m) * dr.rcp(4 * sigma)
-        seen = (w.z > 0) & (o.z > 0)
+        seen = dr.minimum(w.z, o.z) > HORIZON
         if self.delta is not False:
             seen &= negate(self.delta)
         pdf = dr.select(seen, pdf, 0)

@@ -12,8 +12,8 @@ import drjit as dr
 
 from ..optics.fresnel import fresnel_between, fresnel_dielectric
 from ..optics.microfacet import Microfacets
-from ..optics.vectors import Array, Vector, negate, reflect, refract
-from .base import Frame, Interface, Part, Scatter
+from ..optics.vectors import Array, Vector, halfway, negate, reflect, refract
+from .base import HORIZON, Frame, Interface, Part, Scatter
 
 
 class BoundDielectric(Interface):
@@ -44,10 +44,10 @@ class BoundDielectric(Interface):
         if self.facets is None:
             return 0 * w.x, 0 * w.x
         w, o = self.frame.enter(w), self.frame.enter(o)
-        m = dr.normalize(w + o)
+        m = halfway(w, o)
         sigma = self.facets.sigma(w)
         visible = self.facets.density(m) * dr.rcp(4 * sigma)
-        visible = dr.select(self._rough((w.z > 0) & (o.z > 0)), visible, 0)
+        visible = dr.select(self._rough(dr.minimum(w.z, o.z) > HORIZON), visible, 0)
         fresnel, _ = fresnel_dielectric(dr.dot(w, m), self.ratio(above), self.ratio(not above))
         value = fresnel * visible * self.facets.masked(w, o, sigma)
         return value, visible if part == "reflect" else fresnel * visible

@@ -30,6 +30,12 @@ def reflect(w: Vector, m: Vector) -> Vector:
     return dr.fma(m, 2 * dr.dot(w, m), -w)
 
 
+def halfway(w: Vector, o: Vector) -> Vector:
+    """The unit vector half-way between two; the null vector where they cancel."""
+    m = w + o
+    return m * dr.rsqrt(dr.maximum(dr.squared_norm(m), 1e-30))
+
+
 def refract(w: Vector, m: Vector, cos_i: Array, cos_t: Array, inv_eta: Array) -> Vector:
     """`w` refracted through a facet of normal `m` (Snell), pointing away on the far side.
 

@@ -15,6 +15,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import Any
 
 import drjit as dr
@@ -38,12 +39,15 @@ FLAT = 0.5
 
 @dataclass
 class BoundStack:
-    """See the module docstring. `still` is the same stack with its numbers detached from derivatives, if any are live."""
+    """See the module docstring. `still` is the same stack with its numbers detached from derivatives, if any are live;
+    `unrolled` tells how to differentiate loops (`walk.derivative`).
+    """
 
     interfaces: list[Interface]
     media: list[BoundMedium | None]
     indices: list[Array]
     still: BoundStack | None = None
+    unrolled: bool = False
 
     @property
     def opaque(self) -> bool:
@@ -62,7 +66,7 @@ class BoundStack:
         the way out.
         """
         smooth = [interface.delta is not False for interface in self.interfaces]
-        return any(one and other for one, other in zip(smooth, smooth[1:], strict=False))
+        return any(one and other for one, other in pairwise(smooth))
 
 
 def bind(stack: Any, values: Mapping[str, Array], fixed: Mapping[str, Any]) -> BoundStack:

@@ -18,6 +18,7 @@ from ...media import inverse_cosine
 from ...optics.random import Generator, uniform
 from ...optics.vectors import Array, Vector, mirror, negate, total
 from ..bound import CALM, BoundStack
+from .derivative import MOST_SWEEPS, relative, run
 
 #: stands for the density of a delta distribution in MIS ratios; its square still fits single precision
 DELTA = 1e18
@@ -70,7 +71,7 @@ def flux_back(stack: BoundStack, wo: Vector, inside: Vector, above: bool) -> Arr
     return dr.square(near / far) * dr.abs(wo.z) * inverse_cosine(inside.z)
 
 
-def sample_exit(stack: BoundStack, wo: Vector, rng: Generator) -> Exit:
+def sample_exit(stack: BoundStack, wo: Vector, rng: Generator, spectrum: Any) -> Exit:
     """Sample the end of a path that leaves along wo; serves every connection of one walk."""
     last = len(stack.interfaces) - 1
     found = _cross(stack, wo, rng, above=True)
@@ -90,7 +91,7 @@ def sample_exit(stack: BoundStack, wo: Vector, rng: Generator) -> Exit:
     # What the exit ray can run into, other than the interface it came through: smooth there means going on.
     ahead = stack.interfaces if not stack.opaque else stack.interfaces[1:]
     if any(interface.delta is not False for interface in ahead):
-        found = _follow(stack, found, rng)
+        found = _follow(stack, found, rng, spectrum)
     found.inv_cos = inverse_cosine(found.c.z)
     for r in stack.regions:
         medium = stack.media[r]
@@ -118,7 +119,7 @@ def _cross(stack: BoundStack, wo: Vector, rng: Generator, above: bool) -> Exit:
     return Exit(-inside, weight, pdf, 1.0, region, {(region, above)})
 
 
-def _follow(stack: BoundStack, start: Exit, rng: Generator) -> Exit:
+def _follow(stack: BoundStack, start: Exit, rng: Generator, spectrum: Any) -> Exit:
     """Carry the exit ray on through smooth interfaces, and stop it, at random, where it can be connected to.
 
     At a rough or diffuse interface it always stops; in a medium before a smooth interface, with the probability that
@@ -128,25 +129,35 @@ def _follow(stack: BoundStack, start: Exit, rng: Generator) -> Exit:
     uint = _uint(start.c)
     state = {
         "w": -start.c,  # as the ray travels, away from wo
-        "weight": start.weight,
+        "weight": spectrum(start.weight),
         "jacobian": 1 + 0 * start.c.x,
         "region": uint(start.region),
-        "going": total(start.weight) > 0,
+        "going": uint(dr.select(total(dr.detach(start.weight)) > 0, uint(1), uint(0))),
+        "turn": None if stack.still is None else uint(0),
         "rng": rng,
     }
 
-    def body(s: dict[str, Any]) -> tuple[dict[str, Any]]:
-        s = dict(s)
+    def body(stack: BoundStack, s: dict[str, Any]) -> dict[str, Any]:
+        s["going"] = s["going"] > 0
         for down in (True, False):
             for region in stack.regions if down else reversed(stack.regions):
                 _advance(stack, s, region, down)
-        s["weight"] = dr.select(s["going"], s["weight"] * (1 / CALM), s["weight"])
         lost = s["going"] & (uniform(s["rng"], s["w"]) >= CALM)
-        s["weight"] = dr.select(lost, 0, s["weight"])
+        kept = dr.select(s["going"], s["weight"] * (1 / CALM), s["weight"])
+        s["weight"] = spectrum(dr.select(lost, 0, kept))
         s["going"] = s["going"] & negate(lost)
-        return (s,)
+        if s["turn"] is not None:
+            s["turn"] = s["turn"] + 1
+            s["going"] = s["going"] & (s["turn"] < MOST_SWEEPS)
+        s["going"] = dr.select(s["going"], uint(1), uint(0))  # masks cannot be remembered in reverse mode
+        return s
 
-    (out,) = dr.while_loop((state,), lambda s: s["going"], body, label="exit ray")
+    out, rest = run(stack, state, lambda s: s["going"] > 0, body, "exit ray")
+    if rest is not None:
+        assert stack.still is not None
+        carried = relative(out["weight"])
+        out, _ = run(stack.still, rest, lambda s: s["going"] > 0, body, "exit ray on")
+        out["weight"] = out["weight"] * carried
     rng.a, rng.b, rng.c, rng.count = out["rng"].a, out["rng"].b, out["rng"].c, out["rng"].count
     places = {(region, up) for region in stack.regions for up in (True, False)}
     return Exit(-out["w"], out["weight"], start.pdf, out["jacobian"], out["region"], places)
@@ -164,7 +175,7 @@ def _advance(stack: BoundStack, s: dict[str, Any], region: int, down: bool) -> N
     s["going"] = s["going"] & (negate(here) | smooth)
     if medium is not None:
         passed = medium.transmittance(1.0, inverse_cosine(w.z))
-        lit, hit = total(s["weight"] * passed), total(s["weight"] * (medium.albedo * (1 - passed)))
+        lit, hit = dr.detach(total(s["weight"] * passed)), dr.detach(total(s["weight"] * (medium.albedo * (1 - passed))))
         p_pass = dr.select(hit > 0, lit / dr.maximum(lit + hit, 1e-30), 1.0)
         stop = smooth & (uniform(s["rng"], w) >= p_pass)
         smooth = smooth & negate(stop)

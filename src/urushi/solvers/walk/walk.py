@@ -26,7 +26,7 @@ from ...media import entry_height, inverse_cosine
 from ...optics.random import Generator, uniform
 from ...optics.vectors import Array, Vector, channels, mirror, negate, peak
 from ..bound import CALM, BoundStack
-from .derivative import MOST_SWEEPS, relative
+from .derivative import MOST_SWEEPS, relative, run
 from .exit import DELTA, Exit, flux_back, sample_exit
 
 State = dict[str, Any]
@@ -63,12 +63,11 @@ def estimate(
         spectrum: type of a colour, or of a number where nothing in the stack is coloured.
         max_depth: most scattering events inside; None for no limit.
     """
-    way_out = sample_exit(stack, wo, rng)
+    way_out = sample_exit(stack, wo, rng, spectrum)
     state = _enter(stack, wi, way_out, rng, spectrum, max_depth)
     threshold = _roulette_threshold(stack)
 
-    def body(s: State) -> tuple[State]:
-        s = dict(s)
+    def body(stack: BoundStack, s: State, way_out: Exit = way_out) -> State:
         s["calm"] = True if stack.traps else None
         for region in stack.regions:
             _advance(stack, s, wo, way_out, region, down=True)
@@ -80,11 +79,16 @@ def estimate(
             s["throughput"] = dr.select(s["turn"] < MOST_SWEEPS, s["throughput"], 0)
         # Mitsuba's spectra forget their name in arithmetic; a loop insists on the type it began with.
         s["throughput"], s["light"] = spectrum(s["throughput"]), spectrum(s["light"])
-        return (s,)
+        return s
 
-    most = None if stack.still is None else MOST_SWEEPS
-    (out,) = dr.while_loop((state,), _carries, body, label="walk", max_iterations=most)
-    return out["light"]
+    state, rest = run(stack, state, _carries, body, "walk")
+    if rest is None:
+        return state["light"]
+    assert stack.still is not None
+    frozen = dr.detach(way_out)
+    rest["light"] = 0 * rest["light"]
+    rest, _ = run(stack.still, rest, _carries, lambda stack, s: body(stack, s, frozen), "walk on")
+    return state["light"] + rest["light"] * relative(state["throughput"])
 
 
 def _carries(s: State) -> Any:

@@ -1,0 +1,61 @@
+"""Chi²: where `sample` sends its directions is what `pdf` says."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from urushi.solvers import BSDF
+
+from .chance import chi2_p_value, numbers, significance
+from .normalisation import delta_parts
+from .report import Answers, Report
+from .sphere import integrate, patches, views
+
+COSINES = (0.95, 0.4, 0.05)
+SHAPE = (14, 12)
+
+
+def check(answers: Answers, quick: bool) -> Report:
+    """Pearson's test in bins that follow the lobes, from several directions; a sample where the density is 0 fails."""
+    bsdf = answers(1)
+    views_here = views(bsdf.stack, COSINES if quick else (*COSINES, 1.0, 0.7, 0.15))
+    limit = -np.log10(significance(len(views_here)))
+    worst, text = -1.0, ""
+    for i, wi in enumerate(views_here):
+        number, said = _one(bsdf, wi, 1 << (16 if quick else 20), 100 + i)
+        if not number <= worst:
+            worst, text = number, f"{said} at cosine {wi[2]:.2f}"
+    if not worst <= limit:
+        text += "; look closer with sample(wi, u) and pdf(wi, sample.wo)"
+    return Report.of("chi²", worst, limit, f"{text}; found and limit are -log10 of the probability")
+
+
+def _one(bsdf: BSDF, wi: np.ndarray, n: int, stream: int) -> tuple[float, str]:
+    """-log10 of the p-value for light from wi (3,)."""
+    there = np.broadcast_to(wi, (n, 3))
+    sample = bsdf.sample(there, numbers(n, stream))
+    smooth = sample.delta
+    rough = ~smooth & (sample.pdf > 0)
+    density = bsdf.pdf(there, sample.wo / np.maximum(np.linalg.norm(sample.wo, axis=1, keepdims=True), 1e-30))
+    if (density < 0).any() or (sample.pdf < 0).any():
+        return np.inf, "the density is negative"
+    if (density[rough] <= 0).any():
+        return np.inf, f"{np.count_nonzero(density[rough] <= 0)} samples lie where the density is 0"
+    # A sample on the very horizon may round to the other side; one in a thousand may not.
+    differs = np.abs(density[rough] / sample.pdf[rough] - 1) > 0.05
+    if np.mean(differs) > 1e-3 if differs.size else False:
+        return np.inf, f"sample and pdf give different densities for {np.count_nonzero(differs)} samples"
+    counts, expected = [], []
+    for patch, probability in zip(patches(bsdf.stack, wi), delta_parts(bsdf, wi), strict=False):
+        side = (sample.wo[:, 2] > 0) == patch.up
+        counts.append(np.bincount(patch.bins(sample.wo[rough & side], SHAPE), minlength=SHAPE[0] * SHAPE[1]))
+        expected.append(n * integrate(lambda wo: bsdf.pdf(wi[None], wo), patch, SHAPE)[0])
+        up = patch.up
+        counts.append(np.array([np.count_nonzero(smooth & ((sample.wo[:, 2] > 0) == up))]))
+        expected.append(np.array([n * probability]))
+    found, wanted = np.concatenate(counts), np.concatenate(expected)
+    # What is void, and what the innermost ring leaves out.
+    found = np.append(found, n - found.sum())
+    wanted = np.append(wanted, max(n - wanted.sum(), 1e-9 * n))
+    p = chi2_p_value(found, wanted)
+    return -np.log10(max(p, 1e-300)), f"lowest p-value {p:.3g} in {len(found)} bins of {n} samples"
