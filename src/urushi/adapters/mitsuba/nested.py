@@ -5,7 +5,8 @@
     diffuse                            -> Diffuse
     homogeneous (a medium)             -> Medium of depth sigma_t * scale * thickness_N (thickness_N is 1 by default)
 
-Their textures stay what they are. Anything else is refused.
+Their textures stay what they are. Anything else is refused. Indices are relative in Mitsuba: the stack is taken to lie
+in air. Mitsuba's rough plugins are rough everywhere (alpha below 1e-4 counts as 1e-4), and so are these.
 """
 
 from __future__ import annotations
@@ -13,16 +14,29 @@ from __future__ import annotations
 import re
 from typing import Any
 
+from urushi.description.base import inside
 from urushi.errors import MaterialError, UnsupportedStack
 from urushi.stack import Conductor, Dielectric, Diffuse, HenyeyGreenstein, Isotropic, Medium, Rayleigh, Stack
 
+from .surface import Source, traversed
+
 #: stands in a description for a value that Mitsuba's texture gives; inside every range
 _NOMINAL = 0.5
+#: smallest roughness of Mitsuba's rough plugins
+_NARROWEST = 1e-4
+#: relative indices are rounded to single precision: a slab between two of them ends in air again
+_ROUNDING = 1e-6
 
-_PHASES = {"HGPhaseFunction": "hg", "IsotropicPhaseFunction": "isotropic", "RayleighPhaseFunction": "rayleigh"}
+_PHASES = {
+    "HGPhaseFunction": "hg",
+    "IsotropicPhaseFunction": "isotropic",
+    "RayleighPhaseFunction": "rayleigh",
+}
 
 
-def read_children(mi: Any, children: dict[str, Any], thickness: dict[int, float], name: str) -> tuple[Stack, dict[str, Any]]:
+def read_children(
+    mi: Any, children: dict[str, Any], thickness: dict[int, float], name: str
+) -> tuple[Stack, dict[str, Any]]:
     """The stack that nested plugins describe, and Mitsuba's objects behind its parameters.
 
     Args:
@@ -37,9 +51,11 @@ def read_children(mi: Any, children: dict[str, Any], thickness: dict[int, float]
     """
     numbers = []
     for key in children:
-        match = re.fullmatch(r"layer_(\d+)", key)
+        match = re.fullmatch(r"layer_(0|[1-9]\d*)", key)
         if not match:
-            raise MaterialError(f"found a child {key!r}; allowed: layer_0, layer_1, ... from the top down", where=name)
+            raise MaterialError(
+                f"found a child {key!r}; allowed: layer_0, layer_1, ... from the top down", where=name
+            )
         numbers.append(int(match[1]))
     if sorted(numbers) != list(range(len(numbers))):
         raise MaterialError(f"found layers {sorted(numbers)}; allowed: 0, 1, 2, ... without gaps", where=name)
@@ -57,11 +73,16 @@ def read_children(mi: Any, children: dict[str, Any], thickness: dict[int, float]
         except _Refused as refusal:
             reasons.append(f"layer_{i} ({child.class_name()}): {refusal}")
             continue
+        except MaterialError as error:
+            raise inside(error, f"{name}.layer_{i}") from None
         layers.append(layer)
         sources.update({f"layer_{i}.{key}": value for key, value in given.items()})
     if reasons:
         raise UnsupportedStack("walk", reasons)
-    return Stack(name=name, layers=layers), sources
+    try:
+        return Stack(name=name, layers=tuple(layers)), sources
+    except MaterialError as error:
+        raise inside(error, name) from None
 
 
 class _Refused(Exception):
@@ -70,12 +91,13 @@ class _Refused(Exception):
 
 def _read(mi: Any, child: Any, index: float, thickness: float) -> tuple[Any, dict[str, Any], float]:
     kind = child.class_name()
-    found = _traversed(mi, child)
+    found = traversed(mi, child)
     if isinstance(child, mi.Medium):
         if kind != "HomogeneousMedium":
             raise _Refused("only homogeneous media can be read")
         return (*_medium(mi, child, thickness), index)
-    if kind in ("SmoothDiffuse",):
+    if kind == "SmoothDiffuse":
+        _check_bounded(found["reflectance"], "reflectance")
         return Diffuse(reflectance=_NOMINAL), {"reflectance": found["reflectance"]}, index
     for part in ("specular_reflectance", "specular_transmittance"):
         if part in found and not _is_one(mi, found[part]):
@@ -87,61 +109,62 @@ def _read(mi: Any, child: Any, index: float, thickness: float) -> tuple[Any, dic
         match = re.search(r"distribution = (\w+)", str(child))
         options = {"distribution": match[1] if match else "beckmann", "masking": "separable", "alpha": 0.5}
         if "alpha" in found:
-            given["alpha"] = found["alpha"]
+            given["alpha"] = _rough(found["alpha"])
         else:
             options["alpha"] = (0.5, 0.5)
-            given["alpha"] = (found["alpha_u"], found["alpha_v"])
+            given["alpha"] = (_rough(found["alpha_u"]), _rough(found["alpha_v"]))
     if kind in ("SmoothDielectric", "RoughDielectric"):
         eta = mi.traverse(child)["eta"]
-        index = float(eta if isinstance(eta, float) else eta[0]) * index
+        index *= _first(eta)
+        if abs(index - 1) < _ROUNDING:
+            index = 1.0
         return Dielectric(ior=index, **options), given, index
     if kind in ("SmoothConductor", "RoughConductor"):
         given |= {"eta": found["eta"], "k": found["k"]}
         return Conductor(eta=_NOMINAL, k=_NOMINAL, **options), given, index
     raise _Refused(
-        "cannot be read as a layer; allowed: dielectric, roughdielectric, conductor, roughconductor, diffuse, homogeneous"
+        "cannot be read as a layer; allowed: dielectric, roughdielectric, conductor, roughconductor, diffuse, "
+        "homogeneous"
     )
 
 
 def _medium(mi: Any, child: Any, thickness: float) -> tuple[Medium, dict[str, Any]]:
-    parameters = mi.traverse(child)
+    parameters, found = mi.traverse(child), traversed(mi, child)
+    scale = thickness * (_first(parameters["scale"]) if "scale" in parameters else 1.0)
     values: dict[str, Any] = {}
-    for name in ("albedo", "sigma_t"):
-        key = next((k for k in (f"{name}.value.value", f"{name}.value") if k in parameters), None)
-        if key is None:
+    spectra: dict[str, Any] = {}
+    for name, ours, factor in (("albedo", "albedo", 1.0), ("sigma_t", "depth", scale)):
+        texture = traversed(mi, found[name]).get("value")
+        if not isinstance(texture, mi.Texture):
             raise _Refused(f"{name} varies inside the medium; only homogeneous ones can be read")
-        values[name] = _colour(parameters[key])
-    scale = float(_first(parameters["scale"])) if "scale" in parameters else 1.0
-    depth = _times(values["sigma_t"], scale * thickness)
-    kind = _PHASES.get(child.phase_function().class_name())
+        if "rgb" in mi.variant():
+            values[ours] = _times(_colour(parameters[f"{name}.value.value"]), factor)
+        else:
+            # What stands in the parameters of a spectrum are no colours: the spectrum itself is the value.
+            values[ours] = _NOMINAL
+            spectra[ours] = Source(texture, factor)
+    name = child.phase_function().class_name()
+    kind = _PHASES.get(name)
     if kind is None:
-        raise _Refused(f"phase function {child.phase_function().class_name()} cannot be read; allowed: hg, isotropic, rayleigh")
+        raise _Refused(f"phase function {name} cannot be read; allowed: hg, isotropic, rayleigh")
     phase: Any = {"isotropic": Isotropic, "rayleigh": Rayleigh}.get(kind, Isotropic)()
     if kind == "hg":
-        phase = HenyeyGreenstein(g=float(_first(parameters["phase_function.g"])))
-    return Medium(depth=depth, albedo=values["albedo"], phase=phase), {}
+        phase = HenyeyGreenstein(g=_first(parameters["phase_function.g"]))
+    return Medium(phase=phase, **values), spectra
 
 
-def _traversed(mi: Any, child: Any) -> dict[str, Any]:
-    """The objects and values right under a plugin, by name."""
+def _rough(texture: Any) -> Source:
+    return Source(texture, lowest=_NARROWEST, shape=_NOMINAL)
 
-    class Collect(mi.TraversalCallback):  # type: ignore[misc, name-defined]
-        def __init__(self) -> None:
-            super().__init__()
-            self.found: dict[str, Any] = {}
 
-        def put_object(self, name: str, value: Any, *_: Any) -> None:
-            self.found[name] = value
-
-        def put_value(self, name: str, value: Any, *_: Any) -> None:
-            self.found[name] = value
-
-        def put(self, name: str, value: Any, *_: Any) -> None:
-            self.found[name] = value
-
-    collect = Collect()
-    child.traverse(collect)
-    return collect.found
+def _check_bounded(texture: Any, name: str) -> None:
+    """Refuse what is known to send back more light than arrives: a walk inside a coat would never end."""
+    try:
+        most = float(texture.max())
+    except RuntimeError:  # not every texture knows
+        return
+    if most > 1 + 1e-4:
+        raise MaterialError(f"found {most:g}; allowed: values from 0 to 1", where=name)
 
 
 def _is_one(mi: Any, texture: Any) -> bool:

@@ -26,6 +26,8 @@ replay of the same path sees the same values. Light is treated as unpolarised in
 
 from __future__ import annotations
 
+import difflib
+import math
 import re
 from typing import Any
 
@@ -42,6 +44,9 @@ from urushi.solvers.walk.smooth import has_delta
 from .nested import read_children
 from .surface import Surface
 
+#: what may be said besides the layers
+OPTIONS = ("filename", "method", "samples", "seed", "max_depth")
+
 
 def register(mi: Any) -> None:
     """Register the plugin in the current variant."""
@@ -52,17 +57,26 @@ def register(mi: Any) -> None:
 def make_plugin(mi: Any) -> Any:
     """The class of the plugin in the current variant (its base class belongs to the variant)."""
 
-    class Layered(mi.BSDF):  # type: ignore[misc, name-defined]
+    class Layered(mi.BSDF):
         def __init__(self, props: Any) -> None:
             mi.BSDF.__init__(self, props)
             self.stack, sources = _described(mi, props)
             method = props.get("method", "walk")
-            self.samples, self.seed = _whole(props, "samples", 1, 1), _whole(props, "seed", 0, 0)
-            limit = _whole(props, "max_depth", -1, -1)
+            self.samples = _whole(props, "samples", 1, 1, 2**31 - 1)
+            self.seed = _whole(props, "seed", 0, 0, 2**32 - 1)
+            limit = _whole(props, "max_depth", -1, -1, 2**31 - 1)
             self.max_depth = None if limit < 0 else limit
             _check_method(method, self.stack)
             self.surface = Surface(mi, self.stack, sources)
-            self.m_components = _components(mi, self._bound(dr.zeros(mi.SurfaceInteraction3f), True), self.surface)
+            # Opaque, as the parameters are: another seed compiles nothing anew.
+            self._noise = dr.opaque(mi.UInt32, self.seed)
+            self._find_components()
+
+        def _find_components(self) -> None:
+            stack = self._bound(dr.zeros(mi.SurfaceInteraction3f), True)
+            found = _components(mi, stack, self.surface)
+            self._parts = {part: (number, kinds) for number, (part, (kinds, _)) in enumerate(found.items())}
+            self.m_components = [flags for _, flags in found.values()]
             self.m_flags = 0
             for component in self.m_components:
                 self.m_flags |= component
@@ -85,12 +99,20 @@ def make_plugin(mi: Any) -> Any:
             value = mi.UnpolarizedSpectrum(value)
             return mi.depolarizer(value) if "polarized" in mi.variant() else value
 
+        def _asked(self, ctx: Any, part: str) -> bool:
+            """Whether the caller asks for a part of the scattering (see `_components`)."""
+            number, kinds = self._parts.get(part, (0, ()))
+            return any(ctx.is_enabled(kind, number) for kind in kinds)
+
+        def _said(self, reflected: Any, one: str, other: str) -> tuple[Any, Any]:
+            """How `sample` calls a part: its flag and its number, by the side that wo is on."""
+            (a, kinds_a), (b, kinds_b) = (self._parts.get(part, (0, (0,))) for part in (one, other))
+            kind = dr.select(reflected, mi.UInt32(int(kinds_a[0])), mi.UInt32(int(kinds_b[0])))
+            return kind, dr.select(reflected, mi.UInt32(a), mi.UInt32(b))
+
         def _enabled(self, ctx: Any, reflected: Any) -> Any:
             """Mask of the lanes whose kind of scattering (not a delta part) the caller asks for."""
-            flags = mi.BSDFFlags
-            back = ctx.is_enabled(flags.GlossyReflection, 0) or ctx.is_enabled(flags.DiffuseReflection, 0)
-            on = self._transmits and ctx.is_enabled(flags.GlossyTransmission, 1)
-            return dr.select(reflected, back, on)
+            return dr.select(reflected, self._asked(ctx, "reflected"), self._asked(ctx, "transmitted"))
 
         @property
         def _transmits(self) -> bool:
@@ -98,7 +120,7 @@ def make_plugin(mi: Any) -> Any:
 
         def eval(self, ctx: Any, si: Any, wo: Any, active: Any = True) -> Any:
             core = self._core(ctx, si, active)
-            value = core.eval(si.wi, wo, self._key(si), self.seed, 0, self.samples)
+            value = core.eval(si.wi, wo, self._key(si), self._noise, 0, self.samples)
             active = active & self._enabled(ctx, si.wi.z * wo.z > 0)
             return self._spectrum(dr.select(active, value, 0))
 
@@ -107,36 +129,34 @@ def make_plugin(mi: Any) -> Any:
             return dr.select(active & self._enabled(ctx, si.wi.z * wo.z > 0), density, 0)
 
         def sample(self, ctx: Any, si: Any, sample1: Any, sample2: Any, active: Any = True) -> Any:
-            core, wi, flags = self._core(ctx, si, active), si.wi, mi.BSDFFlags
+            core, wi = self._core(ctx, si, active), si.wi
             wo, pdf, carried, delta = core.sample(wi, mi.Vector3f(sample1, sample2.x, sample2.y))
-            value = core.eval(wi, wo, self._key(si), self.seed, 0, self.samples)
+            value = core.eval(wi, wo, self._key(si), self._noise, 0, self.samples)
             reflected = wi.z * wo.z > 0
             wanted = self._enabled(ctx, reflected)
             if delta is not False:
                 value = dr.select(delta, carried * core.scale(wi, wo), value)
-                specular = ctx.is_enabled(flags.Delta)
-                wanted = dr.select(delta, specular, wanted)
+                sharp = dr.select(reflected, self._asked(ctx, "mirrored"), self._asked(ctx, "straight"))
+                wanted = dr.select(delta, sharp, wanted)
             active = active & (pdf > 0) & wanted
             bs = dr.zeros(mi.BSDFSample3f)
             bs.wo, bs.pdf = wo, dr.select(active, pdf, 0)
             stack = core.stack
             ratio = stack.indices[-1] / stack.indices[0] if self._transmits else 1.0
             bs.eta = dr.select(reflected, 1.0, dr.select(wi.z > 0, ratio, 1 / ratio))
-            kind = dr.select(reflected, +flags.GlossyReflection, +flags.GlossyTransmission)
-            component = dr.select(reflected, 0, 1)
+            kind, component = self._said(reflected, "reflected", "transmitted")
             if delta is not False:
-                sharp = dr.select(reflected, +flags.DeltaReflection, +flags.DeltaTransmission)
-                kind = dr.select(delta, sharp, kind)
-                first = 2 if self._transmits else 1
-                component = dr.select(delta, dr.select(reflected, first, first + 1), component)
-            bs.sampled_type, bs.sampled_component = mi.UInt32(kind), mi.UInt32(component)
+                sharp_kind, sharp_component = self._said(reflected, "mirrored", "straight")
+                kind = dr.select(delta, sharp_kind, kind)
+                component = dr.select(delta, sharp_component, component)
+            bs.sampled_type, bs.sampled_component = kind, component
             weight = dr.select(active, value / dr.maximum(pdf, 1e-30), 0)
             return bs, self._spectrum(weight)
 
         def eval_diffuse_reflectance(self, si: Any, active: Any = True) -> Any:
             """Directional-hemispherical reflectance for si.wi, as denoisers and albedo images want it."""
             core = self._core(None, si, active)
-            up, down, *_ = core.flux(si.wi, self._key(si), self.seed, 0, max(self.samples, 4))
+            up, down, *_ = core.flux(si.wi, self._key(si), self._noise, 0, max(self.samples, 4))
             return mi.UnpolarizedSpectrum(dr.select(active, dr.select(si.wi.z > 0, up, down), 0))
 
         # --- parameters ----------------------------------------------------------------------------------------
@@ -155,6 +175,7 @@ def make_plugin(mi: Any) -> Any:
             for _, parameter in self.surface.each():
                 if not parameter.textured:
                     parameter.fixed = None
+            self._find_components()
 
         def to_string(self) -> str:
             layers = ",\n".join(f"    {layer!r}" for layer in self.stack.layers)
@@ -170,29 +191,47 @@ def make_plugin(mi: Any) -> Any:
 
 def _described(mi: Any, props: Any) -> tuple[Any, dict[str, Any]]:
     """The stack, from a file or from nested children, and the textures that came with them."""
-    children = {key: props[key] for key in props if isinstance(props[key], mi.Object)}
-    thickness = {}
+    where = props.id() or "layered"
+    children: dict[str, Any] = {}
+    thickness: dict[int, float] = {}
     for key in list(props.keys()):
-        match = re.fullmatch(r"thickness_(\d+)", key)
+        match = re.fullmatch(r"thickness_(0|[1-9]\d*)", key)
         if match:
-            thickness[int(match[1])] = float(props[key])
+            thickness[int(match[1])] = _length(props[key], f"{where}.{key}")
+        elif isinstance(props[key], mi.Object):
+            children[key] = props[key]
+        elif key not in OPTIONS:
+            near = difflib.get_close_matches(key, [*OPTIONS, "thickness_0"], n=1)
+            hint = f"did you mean {near[0]!r}? " if near else ""
+            names = ", ".join((*OPTIONS, "layer_N", "thickness_N"))
+            raise MaterialError(f"found {key!r}; {hint}allowed: {names}", where=where)
     if "filename" in props:
         if children or thickness:
             given = ", ".join([*children, *(f"thickness_{i}" for i in thickness)])
-            raise MaterialError(f"found filename and {given}; allowed: a file, or nested layers", where="layered")
+            raise MaterialError(f"found filename and {given}; allowed: a file, or nested layers", where=where)
         name = props["filename"]
+        if not isinstance(name, str) or not name:
+            raise MaterialError(f"found {name!r}; allowed: a file, or preset:NAME", where=f"{where}.filename")
         if not name.startswith("preset:"):
             name = str(mi.file_resolver().resolve(name))
         return load(name), {}
     if not children:
-        raise MaterialError("found no layers; allowed: filename, or layer_0, layer_1, ...", where="layered")
-    return read_children(mi, children, thickness, props.id() or "layered")
+        raise MaterialError("found no layers; allowed: filename, or layer_0, layer_1, ...", where=where)
+    return read_children(mi, children, thickness, where)
 
 
-def _whole(props: Any, name: str, default: int, low: int) -> int:
+def _length(value: Any, where: str) -> float:
+    if isinstance(value, bool) or not isinstance(value, (int, float)) or not 0 <= value < math.inf:
+        raise MaterialError(f"found {value!r}; allowed: a number from 0", where=where)
+    return float(value)
+
+
+def _whole(props: Any, name: str, default: int, low: int, high: int) -> int:
     value = props.get(name, default)
-    if isinstance(value, bool) or int(value) != value or not low <= value < 2**31:
-        raise MaterialError(f"found {value!r}; allowed: a whole number from {low}", where=f"layered.{name}")
+    number = isinstance(value, (int, float)) and not isinstance(value, bool)
+    if not number or not low <= value <= high or int(value) != value:
+        where = f"{props.id() or 'layered'}.{name}"
+        raise MaterialError(f"found {value!r}; allowed: a whole number from {low} to {high}", where=where)
     return int(value)
 
 
@@ -206,20 +245,31 @@ def _check_method(method: str, stack: Any) -> None:
         raise UnsupportedStack("walk", reasons)
 
 
-def _components(mi: Any, stack: Any, surface: Surface) -> list[Any]:
-    """Flags: scattering on both sides, then delta parts where a smooth interface lets light through unscattered."""
+def _components(mi: Any, stack: Any, surface: Surface) -> dict[str, tuple[tuple[Any, ...], Any]]:
+    """The parts of the scattering: what they are called (as `sample` says it first) and the flags of each component.
+
+    ``reflected`` and ``transmitted`` are what `eval` knows; ``mirrored`` and ``straight`` are the delta parts, where
+    smooth interfaces let light through unscattered. A diffuse base under a coat is part of ``reflected``.
+    """
     flags = mi.BSDFFlags
     sides = flags.FrontSide if stack.opaque else flags.FrontSide | flags.BackSide
-    extra = flags.SpatiallyVarying if surface.varies else 0
+    extra = sides | (flags.SpatiallyVarying if surface.varies else 0)
     if any(isinstance(parameter, tuple) for parameter in surface.parameters.values()):
         extra |= flags.Anisotropic
-    wide = flags.DiffuseReflection if any(interface.flat for interface in stack.interfaces) else 0
-    components = [flags.GlossyReflection | wide | sides | extra]
-    asymmetric = flags.NonSymmetric if not stack.opaque else 0
-    if not stack.opaque:
-        components.append(flags.GlossyTransmission | sides | extra | asymmetric)
-    if has_delta(stack):
-        components.append(flags.DeltaReflection | sides | extra)
+    bent = extra | flags.NonSymmetric
+    media = any(medium is not None and medium.scatters for medium in stack.media)
+    glossy = media or any(
+        not interface.flat and interface.delta is not True for interface in stack.interfaces
+    )
+    wide = any(interface.flat for interface in stack.interfaces)
+    found: dict[str, tuple[tuple[Any, ...], Any]] = {}
+    kinds = (flags.GlossyReflection,) * glossy + (flags.DiffuseReflection,) * wide
+    if kinds:
+        found["reflected"] = kinds, extra | kinds[0] | kinds[-1]
         if not stack.opaque:
-            components.append(flags.DeltaTransmission | sides | extra | asymmetric)
-    return components
+            found["transmitted"] = (flags.GlossyTransmission,), flags.GlossyTransmission | bent
+    if has_delta(stack):
+        found["mirrored"] = (flags.DeltaReflection,), flags.DeltaReflection | extra
+        if not stack.opaque:
+            found["straight"] = (flags.DeltaTransmission,), flags.DeltaTransmission | bent
+    return found

@@ -1,12 +1,13 @@
 """What every parameter of a stack is worth at a surface point: constants, textures and spectra.
 
-In an RGB variant constants are Dr.Jit numbers and colours that `mi.traverse` exposes and that can be differentiated; in a
-monochrome or spectral one a colour becomes Mitsuba's own `rgb` spectrum, and a metal's index the measured spectrum that
-Mitsuba has for it. Textures are Mitsuba's `bitmap` plugin, or whatever texture a nested child brought along.
+In an RGB variant constants are Dr.Jit numbers and colours that `mi.traverse` exposes and that can be differentiated; in
+a monochrome or spectral one a colour becomes Mitsuba's own `rgb` spectrum, and a metal's index the measured spectrum
+that Mitsuba has for it. Textures are Mitsuba's `bitmap` plugin, or whatever texture a nested child brought along.
 """
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import Any
 
 import drjit as dr
@@ -20,13 +21,31 @@ COLOURS = ("albedo", "reflectance", "depth", "sigma_t", "eta", "k")
 BOUNDED = ("albedo", "reflectance")
 
 
+@dataclass(frozen=True)
+class Source:
+    """A texture of Mitsuba's that stands for a parameter.
+
+    Attributes:
+        texture: it.
+        factor: multiplies what it gives.
+        lowest: smallest value; smaller ones count as this one.
+        shape: the Python value by which the code takes its shape (`Parameter.fixed`), if that is certain.
+    """
+
+    texture: Any
+    factor: float = 1.0
+    lowest: float | None = None
+    shape: float | None = None
+
+
 class Parameter:
     """One continuous parameter in one variant of Mitsuba.
 
     Attributes:
         value: a Dr.Jit number or colour, or a Mitsuba texture.
         factor: multiplies what a texture gives.
-        fixed: the Python value behind it, if it is a constant (None for a texture).
+        lowest: smallest value of a texture; smaller ones count as this one (None: any).
+        fixed: the Python value behind it, if it is a constant (None for a texture that may be anything).
         colour: whether it differs from channel to channel.
     """
 
@@ -34,6 +53,7 @@ class Parameter:
         self.mi = mi
         self.name = name
         self.factor: float = 1.0
+        self.lowest: float | None = None
         self.fixed: Any = None
         kind = name.rsplit(".", 1)[-1]
         self.colour = kind in COLOURS
@@ -41,6 +61,9 @@ class Parameter:
             self.factor = value.scale
             bitmap = {"type": "bitmap", "filename": str(value.path), "raw": bool(value.raw)}
             value = mi.load_dict(bitmap)
+        elif isinstance(value, Source):
+            self.factor, self.lowest, self.fixed = value.factor, value.lowest, value.shape
+            value = value.texture
         elif isinstance(value, mi.Texture):
             pass
         elif isinstance(value, tuple) and len(value) == 3:
@@ -74,7 +97,8 @@ class Parameter:
         if not self.textured:
             return self.value
         if not self.colour:
-            return self.value.eval_1(si, active) * self.factor
+            number = self.value.eval_1(si, active) * self.factor
+            return number if self.lowest is None else dr.maximum(number, self.lowest)
         value = self.value.eval(si, active) * self.factor
         return value[0] if "mono" in self.mi.variant() else value
 
@@ -102,7 +126,7 @@ class Surface:
                 self.parameters[name] = Parameter(mi, name, value)
 
     def each(self) -> list[tuple[str, Parameter]]:
-        """Every parameter by the name that `mi.traverse` shows: ``layer_0.alpha``, or ``layer_0.alpha_u`` and ``_v``."""
+        """Every parameter by the name that `mi.traverse` shows: ``layer_0.alpha``, ``layer_0.alpha_u``, ..."""
         found = []
         for name, parameter in self.parameters.items():
             if isinstance(parameter, tuple):
@@ -145,12 +169,32 @@ def _spectral_metals(mi: Any, stack: Stack) -> dict[str, Any]:
     """In variants without RGB, the measured spectra behind the names of metals."""
     if "rgb" in mi.variant():
         return {}
-    from .nested import _traversed
-
-    found = {}
+    found: dict[str, Any] = {}
     for i, layer in enumerate(stack.layers):
         material = getattr(layer, "material", None)
         if material is not None:
-            metal = _traversed(mi, mi.load_dict({"type": "conductor", "material": material}))
+            metal = traversed(mi, mi.load_dict({"type": "conductor", "material": material}))
             found |= {f"layer_{i}.eta": metal["eta"], f"layer_{i}.k": metal["k"]}
     return found
+
+
+def traversed(mi: Any, plugin: Any) -> dict[str, Any]:
+    """The objects and values right under a plugin, by name."""
+
+    class Collect(mi.TraversalCallback):
+        def __init__(self) -> None:
+            super().__init__()
+            self.found: dict[str, Any] = {}
+
+        def put_object(self, name: str, value: Any, *_: Any) -> None:
+            self.found[name] = value
+
+        def put_value(self, name: str, value: Any, *_: Any) -> None:
+            self.found[name] = value
+
+        def put(self, name: str, value: Any, *_: Any) -> None:
+            self.found[name] = value
+
+    collect = Collect()
+    plugin.traverse(collect)
+    return collect.found
