@@ -26,7 +26,7 @@ SOLVERS = {"walk": "urushi.solvers.walk"}
 #: methods that the names of this package already speak of, and that come in later versions
 PLANNED = ("adding", "lobes")
 
-__all__ = ["PLANNED", "SOLVERS", "BSDF", "Sample", "solve"]
+__all__ = ["BSDF", "PLANNED", "SOLVERS", "Sample", "solve"]
 
 
 def solve(stack: Stack, method: str = "auto", **options: Any) -> BSDF:

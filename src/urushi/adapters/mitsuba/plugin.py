@@ -84,7 +84,7 @@ def make_plugin(mi: Any) -> Any:
         # --- evaluation ----------------------------------------------------------------------------------------
 
         def _bound(self, si: Any, active: Any) -> Any:
-            return bind_live(self.stack, self.surface.at(si, active), self.surface.fixed())
+            return bind_live(self.stack, self.surface.at(si, active), self.surface.fixed(), unrolled=True)
 
         def _core(self, ctx: Any, si: Any, active: Any) -> WalkCore:
             coloured = self.surface.coloured and "mono" not in mi.variant()
@@ -173,8 +173,7 @@ def make_plugin(mi: Any) -> Any:
         def parameters_changed(self, keys: Any = ()) -> None:
             """What shapes the compiled code (smooth or rough, index-matched, without scattering) follows the values."""
             for _, parameter in self.surface.each():
-                if not parameter.textured:
-                    parameter.fixed = None
+                parameter.changed()
             self._find_components()
 
         def to_string(self) -> str:

@@ -11,6 +11,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import drjit as dr
+import numpy as np
 
 from urushi.solvers.numbers import described
 from urushi.stack import Stack, Texture
@@ -83,9 +84,23 @@ class Parameter:
         self.factor = 1.0 if kind in BOUNDED else max(2 * max(value), 1e-20)
         return mi.load_dict({"type": "rgb", "value": [v / self.factor for v in value]})
 
+    def changed(self) -> None:
+        """Look again at a constant that was set from outside: its value shapes the code (smooth or rough, ...)."""
+        if self.textured or self.mi.Float is float:
+            self.fixed = self.fixed if self.textured else self.value
+            return
+        numbers = [float(n) for n in np.array(dr.detach(self.value)).ravel()]
+        self.fixed = numbers[0] if len(numbers) == 1 else tuple(numbers) if len(numbers) == 3 else None
+
     @property
     def textured(self) -> bool:
         return isinstance(self.value, self.mi.Texture)
+
+    @property
+    def optimised(self) -> bool:
+        """Whether a gradient is wanted where the value is at the edge of another shape of the code (an albedo of 0)."""
+        edge = self.fixed is not None and np.max(self.fixed) == 0 and not self.name.endswith("alpha")
+        return edge and not self.textured and bool(dr.grad_enabled(self.value))
 
     @property
     def varies(self) -> bool:
@@ -141,7 +156,7 @@ class Surface:
 
     @property
     def coloured(self) -> bool:
-        return any(p.colour and (p.textured or p.fixed is not None) for _, p in self.each())
+        return any(parameter.colour for _, parameter in self.each())
 
     def fixed(self) -> dict[str, Any]:
         """The parameters whose Python value shapes the code (`solvers.bound.bind`)."""
@@ -150,7 +165,7 @@ class Surface:
             if isinstance(parameter, tuple):
                 if all(p.fixed is not None for p in parameter):
                     known[name] = tuple(p.fixed for p in parameter)
-            elif parameter.fixed is not None:
+            elif parameter.fixed is not None and not parameter.optimised:
                 known[name] = parameter.fixed
         return known
 

@@ -26,10 +26,20 @@ from ..bound import BoundStack, bind
 
 #: sweeps after which a path ends when gradients are enabled: reverse mode has to know how much to remember
 MOST_SWEEPS = 64
+#: sweeps that are unrolled where reverse mode cannot remember a loop at all (inside a Mitsuba plugin)
+UNROLLED = 4
+
+State = dict[str, Any]
 
 
-def bind_live(stack: Any, values: Mapping[str, Array], fixed: Mapping[str, Any]) -> BoundStack:
-    """`bind`, with live and detached numbers side by side if any value has its gradient enabled."""
+def bind_live(
+    stack: Any, values: Mapping[str, Array], fixed: Mapping[str, Any], unrolled: bool = False
+) -> BoundStack:
+    """`bind`, with live and detached numbers side by side if any value has its gradient enabled.
+
+    Args:
+        unrolled: whether loops have to be unrolled to be differentiated (see `run`).
+    """
     live = bind(stack, values, fixed)
     if not any(_live(value) for value in values.values()):
         return live
@@ -39,7 +49,33 @@ def bind_live(stack: Any, values: Mapping[str, Array], fixed: Mapping[str, Any])
         [None if a is None else LiveMedium(a, b) for a, b in zip(live.media, still.media, strict=True)],  # type: ignore[misc]
         live.indices,
         still=still,
+        unrolled=unrolled,
     )
+
+
+def run(
+    stack: BoundStack, state: State, going: Any, body: Any, label: str
+) -> tuple[State, State | None]:
+    """The loop `while going(state): state = body(stack, state)`, in a way that can be differentiated.
+
+    Without live numbers it is a plain loop; with them, one that remembers at most `MOST_SWEEPS` turns. Where Dr.Jit cannot
+    differentiate a loop in reverse (inside a virtual function call), the first `UNROLLED` turns are unrolled, and the
+    caller runs the rest with still numbers: only the derivative of what a path already carries is then kept.
+
+    Returns:
+        the state after the loop, or after the unrolled turns; and in that case a detached copy of it to go on from.
+    """
+
+    def turn(s: State) -> tuple[State]:
+        return (body(stack, dict(s)),)
+
+    if stack.still is None:
+        return dr.while_loop((state,), going, turn, label=label)[0], None
+    if stack.unrolled:
+        for _ in range(UNROLLED):
+            (state,) = turn(state)
+        return state, dr.detach(state)
+    return dr.while_loop((state,), going, turn, label=label, max_iterations=MOST_SWEEPS)[0], None
 
 
 def _live(value: Any) -> bool:

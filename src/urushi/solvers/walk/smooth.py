@@ -10,7 +10,7 @@ import drjit as dr
 
 from ...adding import Slab, add
 from ...media import inverse_cosine
-from ...optics.vectors import Array, Vector, total
+from ...optics.vectors import Array, Vector
 from ..bound import BoundStack
 
 
@@ -45,8 +45,9 @@ def _series(stack: BoundStack, cos: list[Array]) -> Slab:
             r_bottom = t_up = 0.0
         else:
             r_bottom, t_up = interface.smooth_energy(cos[k + 1], above=False)
-            # What total reflection keeps out bounces nowhere inside.
-            r_bottom = dr.select(total(t_down) > 0, r_bottom, 0)
+            # Where total reflection keeps light out of the region below, nothing bounces; and rounding must not make
+            # anything bounce there for ever.
+            r_bottom = dr.select(cos[k + 1] > 0, dr.minimum(r_bottom, 1 - 2e-7), 0)
         slab = Slab(r_top, t_down, r_bottom, t_up)
         medium = stack.media[k]
         if medium is not None and whole is not None:

@@ -14,7 +14,7 @@ from ...media import entry_height, inverse_cosine
 from ...optics.random import Generator, uniform
 from ...optics.vectors import Array, Vector, channels, mirror, negate, peak
 from ..bound import CALM, BoundStack
-from .derivative import MOST_SWEEPS, relative
+from .derivative import MOST_SWEEPS, relative, run
 
 State = dict[str, Any]
 
@@ -62,8 +62,7 @@ def trace(
         "calm": None,  # lanes that met only smooth interfaces in this turn
     }
 
-    def body(s: State) -> tuple[State]:
-        s = dict(s)
+    def body(stack: BoundStack, s: State) -> State:
         s["calm"] = True if stack.traps else None
         for down in (True, False):
             for r in stack.regions if down else reversed(stack.regions):
@@ -81,13 +80,22 @@ def trace(
         s["throughput"] = dr.select(alive, s["throughput"] / dr.maximum(survival, 1e-30), 0)
         # Mitsuba's spectra forget their name in arithmetic; a loop insists on the type it began with.
         s.update({name: spectrum(s[name]) for name in ("throughput", "up", "down")})
-        return (s,)
+        return s
 
     if max_depth == 0:
         return state["up"], state["down"]
-    most = None if stack.still is None else MOST_SWEEPS
-    (out,) = dr.while_loop((state,), lambda s: peak(dr.detach(s["throughput"])) > 0, body, label="trace", max_iterations=most)
-    return out["up"], out["down"]
+    state, rest = run(stack, state, _carries, body, "trace")
+    if rest is None:
+        return state["up"], state["down"]
+    assert stack.still is not None
+    rest.update(up=0 * rest["up"], down=0 * rest["down"])
+    rest, _ = run(stack.still, rest, _carries, body, "trace on")
+    share = relative(state["throughput"])
+    return state["up"] + rest["up"] * share, state["down"] + rest["down"] * share
+
+
+def _carries(s: State) -> Any:
+    return peak(dr.detach(s["throughput"])) > 0
 
 
 def _advance(stack: BoundStack, s: State, region: int, down: bool) -> None:
