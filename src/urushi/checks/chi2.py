@@ -39,6 +39,8 @@ def _one(bsdf: BSDF, wi: np.ndarray, n: int, stream: int) -> tuple[float, str]:
     density = bsdf.pdf(there, sample.wo / np.maximum(np.linalg.norm(sample.wo, axis=1, keepdims=True), 1e-30))
     if (density < 0).any() or (sample.pdf < 0).any():
         return np.inf, "the density is negative"
+    if ((sample.pdf <= 0) & (sample.weight > 0).any(axis=1)).any():
+        return np.inf, "samples of no density carry light"
     if (density[rough] <= 0).any():
         return np.inf, f"{np.count_nonzero(density[rough] <= 0)} samples lie where the density is 0"
     # A sample on the very horizon may round to the other side; one in a thousand may not.

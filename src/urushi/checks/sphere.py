@@ -19,7 +19,7 @@ from .chance import SEED
 
 #: logarithm of the smallest radius; a lobe of roughness 1e-3 has less than a millionth of its energy inside
 INNERMOST = -14.0
-#: power that crowds random points towards the horizon, for what is broad
+#: power that crowds cells and points towards the horizon, for what is broad
 SKEW = 2.5
 #: points along one side of a cell
 ORDER = 4
@@ -103,9 +103,9 @@ class Patch:
         return np.clip(np.log(np.maximum(np.abs(v), 1e-30)), INNERMOST, 0), np.angle(v)
 
     def bins(self, wo: np.ndarray, shape: tuple[int, int]) -> np.ndarray:
-        """Number of the cell of a regular grid that each direction falls into."""
+        """Number of the cell of the grid of `integrate` that each direction falls into."""
         s, phi = self.coordinates(wo)
-        i = np.clip((1 - s / INNERMOST) * shape[0], 0, shape[0] - 1).astype(int)
+        i = np.clip((1 - (s / INNERMOST) ** (1 / SKEW)) * shape[0], 0, shape[0] - 1).astype(int)
         j = np.clip((phi / (2 * np.pi) + 0.5) * shape[1], 0, shape[1] - 1).astype(int)
         return i * shape[1] + j
 
@@ -148,7 +148,7 @@ def patches(stack: Stack, wi: np.ndarray) -> list[Patch]:
 def integrate(
     density: Callable[[np.ndarray], np.ndarray], patch: Patch, shape: tuple[int, int], tolerance: float = 1e-5
 ) -> tuple[np.ndarray, float]:
-    """Integrals of a density over the cells of a regular grid of a hemisphere, by refinement.
+    """Integrals of a density over the cells of a grid of a hemisphere, by refinement.
 
     Args:
         density: of directions (N, 3), per solid angle.
@@ -170,11 +170,14 @@ def integrate(
         values = (density(wo) * area).reshape(len(corner), -1)
         return values @ weight * size.prod(axis=1)
 
-    step = np.array([-INNERMOST / shape[0], 2 * np.pi / shape[1]])
-    grid = np.stack(np.meshgrid(*map(np.arange, shape), indexing="ij"), axis=-1).reshape(-1, 2)
-    corner, size = (INNERMOST, -np.pi) + grid * step, np.broadcast_to(step, grid.shape)
-    home = np.arange(len(grid))
-    whole, left = np.zeros(len(grid)), 0.0
+    edges = INNERMOST * np.linspace(1, 0, shape[0] + 1) ** SKEW, np.linspace(-np.pi, np.pi, shape[1] + 1)
+    corner, other = (
+        np.stack(np.meshgrid(*ends, indexing="ij"), axis=-1).reshape(-1, 2)
+        for ends in ([e[:-1] for e in edges], [e[1:] for e in edges])
+    )
+    size = other - corner
+    home = np.arange(len(corner))
+    whole, left = np.zeros(len(corner)), 0.0
     value = measure(corner, size)
     for cut in range(12):
         quarter = np.array([[0, 0], [0, 1], [1, 0], [1, 1]])
