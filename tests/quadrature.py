@@ -8,10 +8,12 @@ import numpy as np
 
 from lanes import direction
 
+_legendre = functools.cache(np.polynomial.legendre.leggauss)
+
 
 def gauss(n: int, low: float, high: float) -> tuple[np.ndarray, np.ndarray]:
     """Gauss-Legendre nodes and weights."""
-    x, w = np.polynomial.legendre.leggauss(n)
+    x, w = _legendre(n)
     return 0.5 * (high - low) * x + 0.5 * (high + low), 0.5 * (high - low) * w
 
 

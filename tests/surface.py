@@ -39,12 +39,12 @@ def evaluate(
     both = interface.reflect(one, other, above, part), interface.transmit(one, other, above, part)
     dr.eval(both)  # one kernel for all of it
     reflected, transmitted = ([back(x) for x in found] for found in both)
-    up = o[:, 2] > 0
-    values = []
+    chosen = []
     for r, t in zip(reflected, transmitted, strict=True):
-        coloured = up[:, None] if max(r.ndim, t.ndim) == 2 else up
-        values.append(np.where(coloured, r if part != "transmit" else 0, t if part != "reflect" else 0))
-    return values[0], values[1]
+        r, t = (x[:, None] if x.ndim == 1 else x for x in (r, t))
+        value = np.where(o[:, 2:] > 0, 0 if part == "transmit" else r, 0 if part == "reflect" else t)
+        chosen.append(value[:, 0] if value.shape[1] == 1 else value)
+    return chosen[0], chosen[1]
 
 
 def sample(
@@ -98,7 +98,7 @@ def check_samples(
             theta
         )
 
-    expected = rectangles(density, theta, phi, 10 if part == "reflect" else 30)
+    expected = rectangles(density, theta, phi, 20 if part == "reflect" else 30)
     assert expected.sum() < 1 + 1e-3
     o = found.o[~void]
     counts = counted(np.arccos(np.clip(o[:, 2], -1, 1)), np.arctan2(o[:, 1], o[:, 0]), theta, phi)
