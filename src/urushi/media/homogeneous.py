@@ -13,7 +13,6 @@ import drjit as dr
 
 from ..optics.vectors import Array, Vector, channels, total
 
-
 #: the smallest cosine told from 0
 GRAZING = 1e-9
 
@@ -87,7 +86,9 @@ class BoundMedium:
         lost = _one_minus_exp(depth, passed)
         hit = self.albedo * lost
         grey = not channels(depth) and not channels(hit)
-        carried, carried_hit = (passed, hit) if grey else (total(throughput * passed), total(throughput * hit))
+        carried, carried_hit = (
+            (passed, hit) if grey else (total(throughput * passed), total(throughput * hit))
+        )
         collided = u1 * (carried + carried_hit) > carried
         if not channels(depth):
             distance = _invert(depth, lost, u2, self.inv_depth * cos, ahead)
