@@ -16,7 +16,7 @@ help:
 	@echo "make test       lint, types and the tests that are not slow"
 	@echo "make test-all   the slow tests as well"
 	@echo "make bench      write the benchmark table"
-	@echo "make docs       check the links in the documentation"
+	@echo "make docs       check the tables and the links in the documentation"
 	@echo "make setup      only set up .venv;  make clean: remove it and everything else that was made"
 
 setup: $(STAMP)
@@ -45,8 +45,10 @@ test-all: setup
 
 bench: setup
 	$(BIN)/python benchmarks/run.py
+	$(BIN)/python tools/make_docs.py
 
 docs: setup
+	$(BIN)/python tools/make_docs.py --check
 	$(BIN)/python tools/check_links.py
 
 clean:

@@ -59,8 +59,8 @@ def gains(found: dict[str, Any], costs: dict[str, Any]) -> dict[str, dict[str, f
     return gained
 
 
-def table(found: dict[str, Any], costs: dict[str, Any] | None) -> list[str]:
-    """Markdown; the efficiency only where the cost has been measured."""
+def table(found: dict[str, Any], gained: dict[str, Any] | None) -> list[str]:
+    """Markdown; the efficiency (of `gains`) only where the cost has been measured."""
     head = "| θi, θo, φ |" + "".join(f" {c.label} | pbrt | ratio |" for c in CASES)
     lines = [
         f"Relative standard deviation of one sample, from {found['samples']:,} of them; φ = 180° is the side of the "
@@ -75,9 +75,8 @@ def table(found: dict[str, Any], costs: dict[str, Any] | None) -> list[str]:
             one = found["cases"][case.label]
             cells += f" {one['noise'][i]:.3f} | {case.pbrt_noise[i]:.3f} | {one['ratios'][i]:.2f} |"
         lines.append(f"| {row[0]}°, {row[1]}°, {row[2]}° |{cells}")
-    if costs is None:
+    if gained is None:
         return lines
-    gained = gains(found, costs)
     lines += [
         "",
         "Efficiency, 1 / (variance × cost), relative to pbrt's; geometric means over the six rows.",

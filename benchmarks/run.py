@@ -70,7 +70,7 @@ def page(results: dict[str, Any]) -> str:
     for name in PARTS:
         if name in results:
             part = importlib.import_module(name)
-            more = (results.get("evaluation"),) if name == "noise" else ()
+            more = (results.get("efficiency"),) if name == "noise" else ()
             lines += [f"## {part.TITLE}", "", *part.table(results[name], *more), ""]
     return "\n".join(lines)
 
@@ -97,6 +97,10 @@ def main(arguments: list[str] | None = None) -> int:
         start = time.perf_counter()
         results[name] = importlib.import_module(name).measure(options.quick)
         print(f"{name}: {time.perf_counter() - start:.0f} s", file=sys.stderr, flush=True)
+    if {"noise", "evaluation"} <= results.keys():
+        import noise
+
+        results["efficiency"] = noise.gains(results["noise"], results["evaluation"])
     text = page(results)
     if folder is None:
         print(text)
