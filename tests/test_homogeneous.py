@@ -159,6 +159,20 @@ def test_absorbers_only_attenuate(u: np.ndarray) -> None:
 
 
 @both_precisions
+def test_place_of_collision(lanes: Lanes) -> None:
+    """A truncated exponential, inverted; the series for thin flights joins the logarithm without a step."""
+    depth, u2 = (
+        x.ravel() for x in np.meshgrid([1e-6, 1e-3, 8e-3, 0.00999, 0.01001, 0.1, 3.0], np.arange(64) / 64)
+    )
+    n = len(depth)
+    medium = BoundMedium(lanes(depth), lanes(np.full(n, 0.9)), Isotropic())
+    w = lanes.vectors(spread(np.array([0.0, 0.0, -1.0]), n))
+    found = back(medium.fly(lanes(np.zeros(n)), w, lanes(1.0), lanes(np.zeros(n)), lanes(u2), lanes(0.0)).t)
+    # The series leaves out the cube of the depth.
+    assert np.allclose(found, -np.log1p(u2 * np.expm1(-depth)) / depth, atol=2e-5)
+
+
+@both_precisions
 def test_transmittance(lanes: Lanes) -> None:
     """Beer and Lambert; grazing directions see an endless slab, and not NaN."""
     depth, distance, cos = (
