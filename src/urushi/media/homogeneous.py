@@ -108,7 +108,8 @@ class BoundMedium:
             # Densities along the flight: each channel's own exponential, truncated at the boundary.
             density = depth * dr.exp(-depth * (distance / dr.maximum(ahead, 1e-30)))
             mixture = total(chances * density / dr.maximum(lost, 1e-30))
-            scattered = self.albedo * density / dr.maximum(mixture, 1e-30)
+            # Where nothing can collide that is still there, neither can anything else.
+            scattered = dr.select(mixture > 1e-30, self.albedo * density / dr.maximum(mixture, 1e-30), 0)
         if grey:
             weight = passed + hit
         else:

@@ -117,7 +117,8 @@ def propose(stack: BoundStack, wi: Vector) -> Proposal:
     reflected, transmitted = smooth_energy(stack, wi) if has_delta(stack) else (0 * wi.x, 0 * wi.x)
     mirror_weight, straight_weight = _mean(reflected), _mean(transmitted)
     whole = mirror_weight + straight_weight + guess.near + guess.far
-    for energy, *_ in guess.rough:
+    rough = _few(list(guess.rough.values()), stack.opaque)
+    for energy, *_ in rough:
         whole = whole + energy
     whole = dr.rcp(dr.maximum(whole + guess.through, 1e-20))
     side_up = wi.z > 0
@@ -128,7 +129,7 @@ def propose(stack: BoundStack, wi: Vector) -> Proposal:
     for up in sides:
         # On the side wi is on the reflected lobes lie, on the other the transmitted one.
         near = side_up if up else wi.z <= 0
-        for energy, alpha_x, alpha_y, frame in guess.rough:
+        for energy, alpha_x, alpha_y, frame in rough:
             facets = Microfacets(alpha_x, alpha_y, "ggx", "separable")
             lobes.append(Lobe(dr.select(near, energy * whole, 0), up, axis, facets, frame))
         if not stack.opaque and guess.axis is not None:
@@ -144,9 +145,9 @@ def propose(stack: BoundStack, wi: Vector) -> Proposal:
 
 @dataclass
 class _Guess:
-    """Energies before normalisation: rough lobes [(energy, alpha_x, alpha_y, frame)], cosine lobes near and far."""
+    """Energies before normalisation: rough lobes (energy, alpha_x, alpha_y, frame) by interface, and cosine lobes."""
 
-    rough: list[tuple[Array, Array, Array, Frame]]
+    rough: dict[int, tuple[Array, Array, Array, Frame]]
     near: Array
     far: Array
     through: Array
@@ -175,7 +176,7 @@ def _guess(stack: BoundStack, wi: Vector, above: bool) -> _Guess:
     blur: Array = 0 * wi.x  # variance of slope that reaching this depth, and coming back, adds
     bend: Array = 0 * wi.x  # the same for going straight through, in the index of the region
     diffuse: Array = 0 * wi.x
-    rough: list[tuple[Array, Array, Array, Frame]] = []
+    rough: dict[int, tuple[Array, Array, Array, Frame]] = {}
     blurred = False
     for k in order:
         interface = stack.interfaces[k]
@@ -191,7 +192,8 @@ def _guess(stack: BoundStack, wi: Vector, above: bool) -> _Guess:
             lobe = [dr.clip(dr.sqrt(scale * dr.square(a) + blur), NARROW, WIDE) for a in (x, y)]
             certain = interface.delta is False or blurred  # else smooth lanes reflect a delta part, counted elsewhere
             keep = energy if certain else dr.select(interface.delta, 0, energy)
-            rough.append((keep + 1e-3 * (1 if k in (0, last) else 0), lobe[0], lobe[1], getattr(interface, "frame", Frame(0.0))))
+            keep = keep + 1e-3 * (1 if k in (0, last) else 0)
+            rough[k] = (keep, lobe[0], lobe[1], getattr(interface, "frame", Frame(0.0)))
         if interface.opaque:
             break
         passing = passing * _mean(transmitted)
@@ -205,9 +207,6 @@ def _guess(stack: BoundStack, wi: Vector, above: bool) -> _Guess:
             if medium.scatters:
                 diffuse = diffuse + passing * (1 - left) * _mean(medium.albedo)
             passing = passing * left
-    while len(rough) > MOST:
-        (e1, x1, y1, _), (e2, x2, y2, _) = rough.pop(), rough.pop()
-        rough.append((e1 + e2, dr.maximum(x1, x2), dr.maximum(y1, y2), Frame(0.0)))
     beyond = stack.indices[-1 if above else 0]
     axis = None
     if not stack.opaque:
@@ -225,9 +224,12 @@ def _guess(stack: BoundStack, wi: Vector, above: bool) -> _Guess:
 
 def _merge(down: _Guess, up: _Guess, above: Any) -> _Guess:
     """The guess of the side that wi is on, lane by lane."""
-    rough = []
-    for a, b in zip(down.rough, reversed(up.rough) if len(up.rough) == len(down.rough) else up.rough, strict=True):
-        rough.append((*(dr.select(above, p, q) for p, q in zip(a[:3], b[:3], strict=True)), a[3]))
+    rough = {}
+    for k in sorted(down.rough.keys() | up.rough.keys()):
+        # What only one side sees as rough has no energy from the other.
+        a, b = down.rough.get(k), up.rough.get(k)
+        a, b = a or (0 * b[0], *b[1:]), b or (0 * a[0], *a[1:])  # type: ignore[index]
+        rough[k] = (*(dr.select(above, p, q) for p, q in zip(a[:3], b[:3], strict=True)), a[3])
     return _Guess(
         rough,  # type: ignore[arg-type]
         dr.select(above, down.near, up.near),
@@ -236,6 +238,17 @@ def _merge(down: _Guess, up: _Guess, above: Any) -> _Guess:
         dr.select(above, down.alpha_through, up.alpha_through),
         dr.select(above, down.axis, up.axis),
     )
+
+
+def _few(
+    rough: list[tuple[Array, Array, Array, Frame]], opaque: bool
+) -> list[tuple[Array, Array, Array, Frame]]:
+    """At most `MOST` lobes: those that are seen last, or from either side in the middle, are merged."""
+    while len(rough) > MOST:
+        i = len(rough) - 2 if opaque else len(rough) // 2 - 1
+        (e1, x1, y1, _), (e2, x2, y2, _) = rough[i : i + 2]
+        rough[i : i + 2] = [(e1 + e2, dr.maximum(x1, x2), dr.maximum(y1, y2), Frame(0.0))]
+    return rough
 
 
 def _straight(stack: BoundStack, wi: Vector) -> Vector:
