@@ -177,15 +177,35 @@ def make_plugin(mi: Any) -> Any:
             self._find_components()
 
         def to_string(self) -> str:
-            layers = ",\n".join(f"    {layer!r}" for layer in self.stack.layers)
-            return (
-                f"Layered[\n  name = {self.stack.name!r},\n  method = walk,\n  samples = {self.samples},\n"
-                f"  seed = {self.seed},\n  layers = [\n{layers}\n  ]\n]"
-            )
+            said = {
+                "name": repr(self.stack.name),
+                "method": "walk",
+                "samples": self.samples,
+                "seed": self.seed,
+                "max_depth": -1 if self.max_depth is None else self.max_depth,
+                "exterior": self.stack.exterior,
+            }
+            lines = [f"  {name} = {value}" for name, value in said.items()]
+            lines += [_layer_said(i, layer, self.surface) for i, layer in enumerate(self.stack.layers)]
+            return "Layered[\n" + ",\n".join(lines) + "\n]"
 
         __repr__ = to_string
 
     return Layered
+
+
+def _layer_said(number: int, layer: Any, surface: Surface) -> str:
+    """A layer as `to_string` shows it: what it is, and the values that its parameters have now."""
+    words = [layer.kind]
+    words += [getattr(layer, name) for name in ("distribution", "masking") if hasattr(layer, name)]
+    words += [layer.phase.kind] if layer.kind == "medium" else []
+    head = f"layer_{number}."
+    lines = [" ".join(words)]
+    for name, parameter in surface.each():
+        if name.startswith(head):
+            lines.append(f"{name[len(head) :]} = {parameter.said()}")
+    inside = ",\n".join(lines).replace("\n", "\n    ")
+    return f"  layer_{number} = [\n    {inside}\n  ]"
 
 
 def _described(mi: Any, props: Any) -> tuple[Any, dict[str, Any]]:

@@ -11,6 +11,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import drjit as dr
+import drjit.scalar
 import numpy as np
 
 from urushi.solvers.numbers import described
@@ -72,9 +73,15 @@ class Parameter:
             value = self._constant_colour(value, kind)
         else:
             self.fixed, self.colour = value, False
-            # Opaque: a variable of the compiled code, so that another number compiles nothing anew.
-            value = dr.opaque(mi.Float, value)
+            value = self._constant_number(value)
         self.value = value
+
+    def _constant_number(self, value: float) -> Any:
+        if self.mi.Float is float:
+            # `mi.traverse` can set no plain float of a Python plugin; it can set an array of one.
+            return drjit.scalar.Array1f(value)
+        # Opaque: a variable of the compiled code, so that another number compiles nothing anew.
+        return dr.opaque(self.mi.Float, value)
 
     def _constant_colour(self, value: tuple[float, ...], kind: str) -> Any:
         mi = self.mi
@@ -86,11 +93,19 @@ class Parameter:
 
     def changed(self) -> None:
         """Look again at a constant that was set from outside: its value shapes the code (smooth or rough, ...)."""
-        if self.textured or self.mi.Float is float:
-            self.fixed = self.fixed if self.textured else self.value
+        if self.textured:
+            # A spectrum may be another one now; that a rough plugin of Mitsuba's stays rough is certain (`lowest`).
+            self.fixed = None if self.lowest is None else self.fixed
             return
+        dr.make_opaque(self.value)
         numbers = [float(n) for n in np.array(dr.detach(self.value)).ravel()]
         self.fixed = numbers[0] if len(numbers) == 1 else tuple(numbers) if len(numbers) == 3 else None
+
+    def said(self) -> str:
+        """The value now, in words."""
+        if not self.textured:
+            return ", ".join(f"{n:g}" for n in np.array(dr.detach(self.value), dtype=float).ravel())
+        return str(self.value) if self.factor == 1.0 else f"{self.factor:g} times {self.value}"
 
     @property
     def textured(self) -> bool:
@@ -110,7 +125,7 @@ class Parameter:
     def at(self, si: Any, active: Any) -> Any:
         """The value at a surface interaction: a number, or a colour in the variant's channels."""
         if not self.textured:
-            return self.value
+            return self.value[0] if isinstance(self.value, drjit.scalar.Array1f) else self.value
         if not self.colour:
             number = self.value.eval_1(si, active) * self.factor
             return number if self.lowest is None else dr.maximum(number, self.lowest)
