@@ -13,6 +13,7 @@ from __future__ import annotations
 
 import difflib
 import importlib
+import os
 from typing import Any
 
 from urushi.errors import UnsupportedStack, UrushiError
@@ -29,7 +30,7 @@ PLANNED = ("adding", "lobes")
 __all__ = ["BSDF", "PLANNED", "SOLVERS", "Sample", "solve"]
 
 
-def solve(stack: Stack, method: str = "auto", **options: Any) -> BSDF:
+def solve(stack: Stack | str | os.PathLike[str], method: str = "auto", **options: Any) -> BSDF:
     """Turn a stack into a BSDF.
 
     Args:
@@ -45,7 +46,7 @@ def solve(stack: Stack, method: str = "auto", **options: Any) -> BSDF:
         UnsupportedStack: the method cannot do this stack; says why, and which can.
         UrushiError: an unknown method, or an option out of range.
     """
-    if not isinstance(stack, Stack):
+    if not isinstance(stack, Stack):  # a path, or the name of a preset
         from urushi.io import load
 
         stack = load(stack)
@@ -61,7 +62,7 @@ def solve(stack: Stack, method: str = "auto", **options: Any) -> BSDF:
         near = difflib.get_close_matches(str(method), [*SOLVERS, "auto"], n=1)
         hint = f"; did you mean {near[0]!r}?" if near else ""
         raise UrushiError(f"method: found {method!r}; allowed: {', '.join([*SOLVERS, 'auto'])}{hint}")
-    return _module(method).solve(stack, **options)  # type: ignore[no-any-return]
+    return _module(method).solve(stack, **options)
 
 
 def _module(method: str) -> Any:

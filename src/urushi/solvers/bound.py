@@ -114,7 +114,9 @@ def bind(stack: Any, values: Mapping[str, Array], fixed: Mapping[str, Any]) -> B
     return BoundStack(interfaces, media, indices)
 
 
-def _roughness(layer: Any, name: str, values: Mapping[str, Array], fixed: Mapping[str, Any]) -> tuple[Any, Any]:
+def _roughness(
+    layer: Any, name: str, values: Mapping[str, Array], fixed: Mapping[str, Any]
+) -> tuple[Any, Any]:
     """Microfacets (None when smooth everywhere) and the mask of smooth lanes (True/False where certain)."""
     alpha, known = values[f"{name}.alpha"], fixed.get(f"{name}.alpha")
     x, y = alpha if isinstance(alpha, (tuple, list)) else (alpha, alpha)

@@ -1,8 +1,8 @@
 """What every solved stack can do: the contract of a BSDF, and the checks of its arguments.
 
 Conventions: z is up; wi and wo are unit vectors that point away from the surface, on either side (z < 0 is the far
-side). ``eval`` returns f |cos theta_o|; ``pdf`` is per solid angle; delta parts (smooth interfaces, unscattered light) are
-0 in both and occur in ``sample``. Numpy arrays give numpy arrays, Dr.Jit arrays give Dr.Jit arrays.
+side). ``eval`` returns f |cos theta_o|; ``pdf`` is per solid angle; delta parts (smooth interfaces, unscattered light)
+are 0 in both and occur in ``sample``. Numpy arrays give numpy arrays, Dr.Jit arrays give Dr.Jit arrays.
 """
 
 from __future__ import annotations
@@ -83,7 +83,9 @@ def directions(value: Any, name: str) -> np.ndarray:
     off = np.abs(length - 1) > 1e-3
     if off.any():
         i = _first(off)
-        raise UrushiError(f"{name}[{i}]: found length {length[i]:.6g}; allowed: unit vectors (length 1 within 1e-3)")
+        raise UrushiError(
+            f"{name}[{i}]: found length {length[i]:.6g}; allowed: unit vectors (length 1 within 1e-3)"
+        )
     return array / np.maximum(length, 1e-30)[:, None]
 
 
@@ -96,7 +98,9 @@ def random_numbers(value: Any, name: str = "u") -> np.ndarray:
         raise UrushiError(f"{name}: found shape {array.shape}; allowed: (N, 3)")
     wrong = ~((array >= 0) & (array < 1)).all(1)
     if wrong.any():
-        raise UrushiError(f"{name}[{_first(wrong)}]: found {array[_first(wrong)]}; allowed: numbers in [0, 1)")
+        raise UrushiError(
+            f"{name}[{_first(wrong)}]: found {array[_first(wrong)]}; allowed: numbers in [0, 1)"
+        )
     return array
 
 
@@ -104,7 +108,9 @@ def same_count(first: np.ndarray, second: np.ndarray, names: str) -> tuple[np.nd
     """Both with as many rows; a single row serves all of the other."""
     n = max(len(first), len(second))
     if len(first) not in (1, n) or len(second) not in (1, n):
-        raise UrushiError(f"{names}: found {len(first)} and {len(second)} rows; allowed: as many of each, or one")
+        raise UrushiError(
+            f"{names}: found {len(first)} and {len(second)} rows; allowed: as many of each, or one"
+        )
     return np.broadcast_to(first, (n, 3)), np.broadcast_to(second, (n, 3))
 
 
@@ -112,8 +118,10 @@ def _floats(value: Any, name: str) -> np.ndarray:
     try:
         return np.asarray(value, dtype=np.float64)
     except (TypeError, ValueError) as error:
-        raise UrushiError(f"{name}: found {type(value).__name__}, not numbers; allowed: an array (N, 3)") from error
+        raise UrushiError(
+            f"{name}: found {type(value).__name__}, not numbers; allowed: an array (N, 3)"
+        ) from error
 
 
-def _first(mask: np.ndarray) -> int:
+def _first(mask: Any) -> int:
     return int(np.argmax(mask))

@@ -46,14 +46,16 @@ def described(stack: Stack) -> dict[str, Any]:
     return {name: value for name, value in found.items() if not name.endswith(".normal")}
 
 
-def gather_numbers(stack: Stack, given: Mapping[str, Any] | None, module: Any, double: bool, method: str) -> Numbers:
+def gather_numbers(
+    stack: Stack, given: Mapping[str, Any] | None, module: Any, double: bool, method: str
+) -> Numbers:
     """Resolve all parameters.
 
     Args:
         stack: the description.
         given: values in place of those of the description, by name (``layer_0.alpha``): a number, a colour (3,), one
-            number per evaluation (N,) or (N, 1), one colour per evaluation (N, 3), for a roughness a pair or (N, 2); or a
-            Dr.Jit array, whose gradients are kept.
+            number per evaluation (N,) or (N, 1), one colour per evaluation (N, 3), for a roughness a pair or (N, 2);
+            or a Dr.Jit array, whose gradients are kept.
         module: the Dr.Jit module to compute in.
         double: whether to compute in double precision.
 
@@ -84,11 +86,17 @@ def gather_numbers(stack: Stack, given: Mapping[str, Any] | None, module: Any, d
         if name in given and not isinstance(given[name], (int, float, tuple)):
             values[name], width, colour = _lanes(stack, name, given[name], module, double)
             if width not in (1, lanes) and lanes != 1:
-                raise MaterialError(f"found values for {width} evaluations, others are for {lanes}", where=name)
+                raise MaterialError(
+                    f"found values for {width} evaluations, others are for {lanes}", where=name
+                )
             lanes = max(lanes, width)
         else:
             if name in given:
-                value = stack.replace({name: given[name]}).parameters()[name] if name != "exterior" else given[name]
+                value = (
+                    stack.replace({name: given[name]}).parameters()[name]
+                    if name != "exterior"
+                    else given[name]
+                )
             fixed[name] = value
             values[name] = _constant(name, value, module, double)
             colour = isinstance(value, tuple) and len(value) == 3
@@ -120,7 +128,9 @@ def _lanes(stack: Stack, name: str, value: Any, module: Any, double: bool) -> tu
             return colour(value), dr.width(value), True
         if dr.size_v(value) == 2 and name.endswith(".alpha"):
             return (number(value.x), number(value.y)), dr.width(value), False
-        raise MaterialError(f"found a Dr.Jit array of shape {dr.shape(value)}; allowed: numbers or colours", where=name)
+        raise MaterialError(
+            f"found a Dr.Jit array of shape {dr.shape(value)}; allowed: numbers or colours", where=name
+        )
     array = np.asarray(value, dtype=np.float64)
     allows_colour = name.rsplit(".", 1)[-1] in ("albedo", "reflectance", "depth", "sigma_t", "eta", "k")
     pair = name.endswith(".alpha")
@@ -130,13 +140,16 @@ def _lanes(stack: Stack, name: str, value: Any, module: Any, double: bool) -> tu
         return _constant(name, plain, module, double), 1, array.ndim == 1
     if array.ndim == 1 or (array.ndim == 2 and array.shape[1] == 1):
         return number(array.ravel().tolist() if number is float else array.ravel()), array.shape[0], False
-    columns = [number(np.ascontiguousarray(array[:, i])) for i in range(array.shape[1])] if array.ndim == 2 else []
+    columns = (
+        [number(np.ascontiguousarray(array[:, i])) for i in range(array.shape[1])] if array.ndim == 2 else []
+    )
     if len(columns) == 3 and allows_colour:
         return colour(*columns), array.shape[0], True
     if len(columns) == 2 and pair:
         return tuple(columns), array.shape[0], False
     raise MaterialError(
-        f"found shape {array.shape}; allowed: a number, (N,)" + (" or (N, 3)" if allows_colour else ""), where=name
+        f"found shape {array.shape}; allowed: a number, (N,)" + (" or (N, 3)" if allows_colour else ""),
+        where=name,
     )
 
 

@@ -31,7 +31,9 @@ def reasons_against(stack: Stack) -> list[str]:
                 "between their facets are not there yet: use False"
             )
         if getattr(layer, "normal", None) is not None:
-            reasons.append(f"layers[{i}].normal is given, and shading normals of single interfaces are not there yet")
+            reasons.append(
+                f"layers[{i}].normal is given, and shading normals of single interfaces are not there yet"
+            )
     return reasons
 
 

@@ -39,7 +39,9 @@ class WalkCore:
         ratio = dr.square(self.stack.indices[0] / self.stack.indices[-1])
         return dr.select(wi.z * wo.z > 0, 1.0, dr.select(wi.z > 0, ratio, dr.rcp(ratio)))
 
-    def eval(self, wi: Vector, wo: Vector, key: Sequence[Array], seed: Array, first: Array, count: int) -> Array:
+    def eval(
+        self, wi: Vector, wo: Vector, key: Sequence[Array], seed: Array, first: Array, count: int
+    ) -> Array:
         """f |cos wo|, as the mean of `count` samples numbered from `first`.
 
         Args:
@@ -65,7 +67,9 @@ class WalkCore:
             return value, dr.square(value)
         return self._average(wi, one, first, count, 1)
 
-    def flux(self, wi: Vector, key: Sequence[Array], seed: Array, first: Array, count: Array) -> tuple[Array, ...]:
+    def flux(
+        self, wi: Vector, key: Sequence[Array], seed: Array, first: Array, count: Array
+    ) -> tuple[Array, ...]:
         """Mean flux upwards and downwards, and their mean squares."""
 
         def one(i: Array) -> tuple[Array, Array]:
@@ -85,7 +89,8 @@ class WalkCore:
             return (i + 1, *mean, *square)
 
         most = int(count) if self.stack.still is not None else None
-        out = dr.while_loop((uint(0), *([zero] * (2 * size))), lambda i, *_: i < count, body, label="samples", max_iterations=most)
+        start = (uint(0), *([zero] * (2 * size)))
+        out = dr.while_loop(start, lambda i, *_: i < count, body, label="samples", max_iterations=most)
         size_inv = 1 / float_type(wi)(count)
         return tuple(value * size_inv for value in out[1:])
 

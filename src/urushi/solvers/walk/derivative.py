@@ -27,7 +27,7 @@ from ..bound import BoundStack, bind
 #: sweeps after which a path ends when gradients are enabled: reverse mode has to know how much to remember
 MOST_SWEEPS = 64
 #: sweeps that are unrolled where reverse mode cannot remember a loop at all (inside a Mitsuba plugin)
-UNROLLED = 4
+UNROLLED = 8
 
 State = dict[str, Any]
 
@@ -53,14 +53,12 @@ def bind_live(
     )
 
 
-def run(
-    stack: BoundStack, state: State, going: Any, body: Any, label: str
-) -> tuple[State, State | None]:
+def run(stack: BoundStack, state: State, going: Any, body: Any, label: str) -> tuple[State, State | None]:
     """The loop `while going(state): state = body(stack, state)`, in a way that can be differentiated.
 
-    Without live numbers it is a plain loop; with them, one that remembers at most `MOST_SWEEPS` turns. Where Dr.Jit cannot
-    differentiate a loop in reverse (inside a virtual function call), the first `UNROLLED` turns are unrolled, and the
-    caller runs the rest with still numbers: only the derivative of what a path already carries is then kept.
+    Without live numbers it is a plain loop; with them, one that remembers at most `MOST_SWEEPS` turns. Where Dr.Jit
+    cannot differentiate a loop in reverse (inside a virtual function call), the first `UNROLLED` turns are unrolled,
+    and the caller runs the rest with still numbers: only the derivative of what a path already carries is then kept.
 
     Returns:
         the state after the loop, or after the unrolled turns; and in that case a detached copy of it to go on from.
@@ -118,7 +116,9 @@ class LiveInterface(Interface):
             assert smooth is not None
             return smooth
         reflected = self.live.reflect(w, event.o, above, part)[0] if part != "transmit" else 0 * event.pdf
-        passed = self.live.transmit(w, event.o, above, part)[0] if part != "reflect" and not self.opaque else 0
+        passed = (
+            self.live.transmit(w, event.o, above, part)[0] if part != "reflect" and not self.opaque else 0
+        )
         weight = _follow(event.weight, dr.select(event.through, passed, reflected), event.pdf)
         if smooth is None:
             return Scatter(event.o, weight, event.pdf, event.through)

@@ -175,7 +175,8 @@ def _advance(stack: BoundStack, s: dict[str, Any], region: int, down: bool) -> N
     s["going"] = s["going"] & (negate(here) | smooth)
     if medium is not None:
         passed = medium.transmittance(1.0, inverse_cosine(w.z))
-        lit, hit = dr.detach(total(s["weight"] * passed)), dr.detach(total(s["weight"] * (medium.albedo * (1 - passed))))
+        lit = dr.detach(total(s["weight"] * passed))
+        hit = dr.detach(total(s["weight"] * (medium.albedo * (1 - passed))))
         p_pass = dr.select(hit > 0, lit / dr.maximum(lit + hit, 1e-30), 1.0)
         stop = smooth & (uniform(s["rng"], w) >= p_pass)
         smooth = smooth & negate(stop)

@@ -102,7 +102,10 @@ class Proposal:
         first = below
         mirrored = (u.x >= first) & (self.mirror_share > 0)
         wo = dr.select(mirrored, type(wi)(-wi.x, -wi.y, wi.z), wo)
-        probability, carried = dr.select(mirrored, self.mirror_share, 0), dr.select(mirrored, self.reflected, 0)
+        probability, carried = (
+            dr.select(mirrored, self.mirror_share, 0),
+            dr.select(mirrored, self.reflected, 0),
+        )
         straight = (u.x >= first + self.mirror_share) & (self.straight_share > 0)
         wo = dr.select(straight, self.straight, wo)
         probability = dr.select(straight, self.straight_share, probability)
@@ -190,7 +193,9 @@ def _guess(stack: BoundStack, wi: Vector, above: bool) -> _Guess:
             x, y = interface.roughness()
             scale = dr.square(index / outside)
             lobe = [dr.clip(dr.sqrt(scale * dr.square(a) + blur), NARROW, WIDE) for a in (x, y)]
-            certain = interface.delta is False or blurred  # else smooth lanes reflect a delta part, counted elsewhere
+            certain = (
+                interface.delta is False or blurred
+            )  # else smooth lanes reflect a delta part, counted elsewhere
             keep = energy if certain else dr.select(interface.delta, 0, energy)
             keep = keep + 1e-3 * (1 if k in (0, last) else 0)
             rough[k] = (keep, lobe[0], lobe[1], getattr(interface, "frame", Frame(0.0)))
@@ -231,7 +236,7 @@ def _merge(down: _Guess, up: _Guess, above: Any) -> _Guess:
         a, b = a or (0 * b[0], *b[1:]), b or (0 * a[0], *a[1:])  # type: ignore[index]
         rough[k] = (*(dr.select(above, p, q) for p, q in zip(a[:3], b[:3], strict=True)), a[3])
     return _Guess(
-        rough,  # type: ignore[arg-type]
+        rough,
         dr.select(above, down.near, up.near),
         dr.select(above, down.far, up.far),
         dr.select(above, down.through, up.through),

@@ -141,7 +141,8 @@ class WalkBSDF(BSDF):
 
         def launch(core: WalkCore, lanes: tuple[Any, ...]) -> tuple[Any, ...]:
             o, pdf, carried, delta = core.sample(*lanes)
-            return o, pdf, self._colour(carried * core.scale(lanes[0], o), lanes[0]), dr.select(delta, 1.0, 0.0) + 0 * pdf
+            carried = self._colour(carried * core.scale(lanes[0], o), lanes[0])
+            return o, pdf, carried, dr.select(delta, 1.0, 0.0) + 0 * pdf
 
         wo, pdf, carried, delta = self._map(launch, pair)
         is_delta = delta > 0.5
@@ -149,7 +150,9 @@ class WalkBSDF(BSDF):
         weight = np.where(is_delta[:, None], carried, value) / np.maximum(pdf, 1e-30)[:, None]
         weight = np.where((pdf > 0)[:, None], weight, 0)
         single = np.ndim(wi) == np.ndim(u) == 1
-        return Sample(*((x[0] for x in (wo, weight, pdf, is_delta)) if single else (wo, weight, pdf, is_delta)))
+        return Sample(
+            *((x[0] for x in (wo, weight, pdf, is_delta)) if single else (wo, weight, pdf, is_delta))
+        )
 
     # --- how batches run ---------------------------------------------------------------------------------------
 
@@ -172,7 +175,7 @@ class WalkBSDF(BSDF):
         return self._shaped((mean, error) if with_error else (mean,), wi, wi)
 
     def _estimate(self, launch: Any, inputs: tuple[np.ndarray, ...], moments: int) -> list[np.ndarray]:
-        """Run `launch` on blocks of samples and join their means; returns mean, standard error, and what else it gave."""
+        """Run `launch` on blocks of samples: the mean of them all, its standard error, and what else `launch` gives."""
         n, blocks = len(inputs[0]), -(-self.samples // BLOCK)
         counts = np.full(blocks, BLOCK, dtype=np.float64)
         counts[-1] = self.samples - BLOCK * (blocks - 1)
@@ -200,11 +203,15 @@ class WalkBSDF(BSDF):
         n = len(inputs[0])
         parts = []
         for start in range(0, n, LANES):
-            out = self._launch(lambda core, lanes, _: launch(core, lanes), inputs, start, min(start + LANES, n), 1)
+            out = self._launch(
+                lambda core, lanes, _: launch(core, lanes), inputs, start, min(start + LANES, n), 1
+            )
             parts.append([x[:, 0] for x in out])
         return [np.concatenate(part) for part in zip(*parts, strict=True)]
 
-    def _launch(self, run: Any, inputs: tuple[np.ndarray, ...], start: int, stop: int, blocks: int) -> list[np.ndarray]:
+    def _launch(
+        self, run: Any, inputs: tuple[np.ndarray, ...], start: int, stop: int, blocks: int
+    ) -> list[np.ndarray]:
         """Rows [start, stop) of the inputs, `blocks` lanes each; arrays of shape (rows, blocks[, channels])."""
         self._may_take(len(inputs[0]))
         if self._module.__name__ == "drjit.scalar":
@@ -230,7 +237,9 @@ class WalkBSDF(BSDF):
             for x in out
         ]
 
-    def _launch_scalar(self, run: Any, inputs: tuple[np.ndarray, ...], start: int, stop: int, blocks: int) -> list[np.ndarray]:
+    def _launch_scalar(
+        self, run: Any, inputs: tuple[np.ndarray, ...], start: int, stop: int, blocks: int
+    ) -> list[np.ndarray]:
         vector = self._vector(self._module)
         if self.lanes > 1:
             raise UrushiError("backend: 'scalar' takes one value per parameter, found one per evaluation")
@@ -279,7 +288,9 @@ class WalkBSDF(BSDF):
 
     def _may_take(self, rows: int) -> None:
         if self.lanes not in (1, rows):
-            raise UrushiError(f"wi: found {rows} rows; allowed: {self.lanes}, as many as the parameters have values")
+            raise UrushiError(
+                f"wi: found {rows} rows; allowed: {self.lanes}, as many as the parameters have values"
+            )
 
 
 def _joined(blocks: np.ndarray, share: np.ndarray) -> np.ndarray:
@@ -304,7 +315,9 @@ def _backend(name: str) -> Any:
     if name == "scalar":
         return importlib.import_module("drjit.scalar")
     if name == "cuda" and not dr.has_backend(dr.JitBackend.CUDA):
-        raise UrushiError("backend: found 'cuda', but there is no CUDA device here; allowed: llvm, scalar, auto")
+        raise UrushiError(
+            "backend: found 'cuda', but there is no CUDA device here; allowed: llvm, scalar, auto"
+        )
     if name == "llvm":
         llvm.ensure()
     return importlib.import_module(f"drjit.{name}.ad")

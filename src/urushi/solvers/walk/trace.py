@@ -109,7 +109,9 @@ def _advance(stack: BoundStack, s: State, region: int, down: bool) -> None:
         hit = here & flight.collided
         s["throughput"] = dr.select(here, s["throughput"] * flight.weight, s["throughput"])
         if stack.still is not None:
-            s["throughput"] = dr.select(hit, s["throughput"] * relative(medium.phase.eval(d, after)), s["throughput"])
+            s["throughput"] = dr.select(
+                hit, s["throughput"] * relative(medium.phase.eval(d, after)), s["throughput"]
+            )
         s["d"] = d = dr.select(hit, after, d)
         s["t"] = dr.select(hit, flight.t, s["t"])
         s["depth"] = dr.select(hit, s["depth"] + 1, s["depth"])
@@ -137,4 +139,5 @@ def _advance(stack: BoundStack, s: State, region: int, down: bool) -> None:
     if s["calm"] is not None and interface.delta is not True:
         s["calm"] = s["calm"] & negate(here if interface.delta is False else here & negate(interface.delta))
     if event.through is not False and not outer:
-        s["region"] = dr.select(here & event.through, type(s["region"])(region + 1 if down else region - 1), s["region"])
+        beyond = region + 1 if down else region - 1
+        s["region"] = dr.select(here & event.through, type(s["region"])(beyond), s["region"])

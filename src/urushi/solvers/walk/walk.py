@@ -104,8 +104,8 @@ def _connects_only(stack: BoundStack) -> bool:
 
 def _weight(own: Array, other: Array) -> Array:
     """Power heuristic: the weight of the strategy of density `own` against `other` for the same path."""
-    own, other = dr.detach(own), dr.detach(other)
-    return dr.rcp(1 + dr.square(other / dr.maximum(own, 1e-18)))
+    own, other = dr.square(dr.detach(own)), dr.square(dr.detach(other))
+    return own / dr.maximum(own + other, 1e-36)
 
 
 def _uint(w: Vector) -> Any:
@@ -159,7 +159,9 @@ def _connect_entrance(stack: BoundStack, wi: Vector, way_out: Exit) -> Array:
     """Connect the entrance itself to the exit ray: wi refracts straight into its direction."""
     light = 0 * wi.x
     for above in (True,) if stack.opaque else (True, False):
-        interface, region = (stack.interfaces[0], 1) if above else (stack.interfaces[-1], len(stack.interfaces) - 1)
+        interface, region = (
+            (stack.interfaces[0], 1) if above else (stack.interfaces[-1], len(stack.interfaces) - 1)
+        )
         meets = way_out.meets(region, up=not above)
         if meets is False or interface.delta is True:
             continue
@@ -198,7 +200,9 @@ def _fly(stack: BoundStack, s: State, way_out: Exit, region: int, here: Any) -> 
             continue
         # All collisions on the way send light along the exit ray, whichever the walk then takes.
         density = phase.eval(d, way_out.c)
-        value = density * way_out.weight * medium.transmittance(flight.t if up else 1 - flight.t, way_out.inv_cos)
+        value = (
+            density * way_out.weight * medium.transmittance(flight.t if up else 1 - flight.t, way_out.inv_cos)
+        )
         if not phase.flat:
             value = value * _weight(way_out.pdf, density * way_out.jacobian)
         s["light"] = s["light"] + dr.select(here & meets, s["throughput"] * (flight.scattered * value), 0)
@@ -279,7 +283,9 @@ def _connect(
         if meets is False:
             continue
         value, pdf = (
-            interface.transmit(w, c, down) if through else interface.reflect(w, c, down, "reflect" if outer else "both")
+            interface.transmit(w, c, down)
+            if through
+            else interface.reflect(w, c, down, "reflect" if outer else "both")
         )
         if not interface.flat:
             value = value * _weight(way_out.pdf, pdf * way_out.jacobian)
@@ -316,4 +322,4 @@ def _roulette(s: State, like: Vector, threshold: float, max_depth: int | None) -
     alive = uniform(s["rng"], like) < survival
     if max_depth is not None:
         alive = alive & (s["depth"] < max_depth)
-    s["throughput"] = dr.select(alive, s["throughput"] / dr.maximum(survival, 1e-30), 0)
+    s["throughput"] = dr.select(alive, s["throughput"] * dr.rcp(dr.maximum(survival, 1e-30)), 0)
