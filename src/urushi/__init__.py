@@ -16,6 +16,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
+from urushi import llvm as _llvm
 from urushi.errors import MaterialError, UnsupportedStack, UrushiError
 from urushi.io import load, presets, save, schema
 from urushi.stack import (
@@ -29,6 +30,8 @@ from urushi.stack import (
     Stack,
     Texture,
 )
+
+_llvm.prepare()  # Dr.Jit takes the first LLVM it finds when it is imported, which may be one too old to work
 
 if TYPE_CHECKING:
     from urushi.solvers import solve

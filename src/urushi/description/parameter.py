@@ -304,6 +304,6 @@ def scaled(texture: Texture, factor: float) -> Texture:
         MaterialError: the product is not allowed as a scale.
     """
     try:
-        return texture.model_copy(update={"scale": texture.scale * factor})  # type: ignore[no-any-return]
+        return texture.model_copy(update={"scale": texture.scale * factor})
     except MaterialError as error:
         raise MaterialError(f"scaling {shown(texture.file)}: {error.problem}", where=error.where) from None

@@ -22,7 +22,7 @@ from ...media import inverse_cosine
 from ...optics.microfacet import Microfacets
 from ...optics.vectors import Array, Vector, channels, cosine_hemisphere, mirror, reflect, total
 from ..bound import BoundStack
-from .smooth import cosines, has_delta, smooth_energy
+from .smooth import cosines, has_delta, smooth_energy, snell
 
 #: share of the samples that every side light can leave on gets as a cosine lobe, whatever the guess
 FLOOR = 0.1
@@ -216,7 +216,7 @@ def _guess(stack: BoundStack, wi: Vector, above: bool) -> _Guess:
     axis = None
     if not stack.opaque:
         ratio = outside / beyond
-        z = dr.safe_sqrt(1 - dr.square(ratio) * (dr.square(wi.x) + dr.square(wi.y)))
+        z = snell(wi, ratio)
         tilt = dr.minimum(ratio, dr.rcp(dr.maximum(dr.sqrt(dr.square(wi.x) + dr.square(wi.y)), 1e-9)))
         axis = type(wi)(wi.x * tilt, wi.y * tilt, dr.maximum(z, 1e-4))
     through = 0 * wi.x if stack.opaque else dr.select(cos[-1 if above else 0] > 0, passing, 0)
@@ -262,5 +262,5 @@ def _straight(stack: BoundStack, wi: Vector) -> Vector:
         return -wi
     above = wi.z > 0
     ratio = dr.select(above, stack.indices[0] / stack.indices[-1], stack.indices[-1] / stack.indices[0])
-    z = dr.safe_sqrt(1 - dr.square(ratio) * (dr.square(wi.x) + dr.square(wi.y)))
+    z = snell(wi, ratio)
     return type(wi)(-ratio * wi.x, -ratio * wi.y, dr.select(above, -z, z))

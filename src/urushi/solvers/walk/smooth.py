@@ -23,8 +23,12 @@ def has_delta(stack: BoundStack) -> bool:
 def cosines(stack: BoundStack, wi: Vector, above: bool) -> list[Array]:
     """The cosine of Snell's direction in every region; 0 where total reflection keeps the light out."""
     outside = stack.indices[0 if above else -1]
-    sin2 = dr.square(wi.x) + dr.square(wi.y)
-    return [dr.safe_sqrt(1 - dr.square(outside / index) * sin2) for index in stack.indices]
+    return [snell(wi, outside / index) for index in stack.indices]
+
+
+def snell(wi: Vector, ratio: Array) -> Array:
+    """The cosine of refraction, for the index outside over the index inside; exact at grazing angles, too."""
+    return dr.safe_sqrt(dr.fma(dr.square(ratio), dr.square(wi.z), (1 - ratio) * (1 + ratio)))
 
 
 def smooth_energy(stack: BoundStack, wi: Vector) -> tuple[Array, Array]:
