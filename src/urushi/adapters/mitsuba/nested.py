@@ -97,7 +97,6 @@ def _read(mi: Any, child: Any, index: float, thickness: float) -> tuple[Any, dic
             raise _Refused("only homogeneous media can be read")
         return (*_medium(mi, child, thickness), index)
     if kind == "SmoothDiffuse":
-        _check_bounded(found["reflectance"], "reflectance")
         return Diffuse(reflectance=_NOMINAL), {"reflectance": found["reflectance"]}, index
     for part in ("specular_reflectance", "specular_transmittance"):
         if part in found and not _is_one(mi, found[part]):
@@ -155,16 +154,6 @@ def _medium(mi: Any, child: Any, thickness: float) -> tuple[Medium, dict[str, An
 
 def _rough(texture: Any) -> Source:
     return Source(texture, lowest=_NARROWEST, shape=_NOMINAL)
-
-
-def _check_bounded(texture: Any, name: str) -> None:
-    """Refuse what is known to send back more light than arrives: a walk inside a coat would never end."""
-    try:
-        most = float(texture.max())
-    except RuntimeError:  # not every texture knows
-        return
-    if most > 1 + 1e-4:
-        raise MaterialError(f"found {most:g}; allowed: values from 0 to 1", where=name)
 
 
 def _is_one(mi: Any, texture: Any) -> bool:

@@ -33,6 +33,7 @@ from typing import Any
 
 import drjit as dr
 
+from urushi.description.base import inside
 from urushi.errors import MaterialError, UnsupportedStack
 from urushi.io import load
 from urushi.solvers import PLANNED, SOLVERS
@@ -67,7 +68,10 @@ def make_plugin(mi: Any) -> Any:
             limit = _whole(props, "max_depth", -1, -1, 2**31 - 1)
             self.max_depth = None if limit < 0 else limit
             _check_method(method, self.stack)
-            self.surface = Surface(mi, self.stack, sources)
+            try:
+                self.surface = Surface(mi, self.stack, sources)
+            except MaterialError as error:
+                raise inside(error, props.id() or "layered") from None
             # Opaque, as the parameters are: another seed compiles nothing anew.
             self._noise = dr.opaque(mi.UInt32, self.seed)
             self._find_components()

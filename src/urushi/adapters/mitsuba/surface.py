@@ -14,6 +14,7 @@ import drjit as dr
 import drjit.scalar
 import numpy as np
 
+from urushi.errors import MaterialError
 from urushi.solvers.numbers import described
 from urushi.stack import Stack, Texture
 
@@ -59,6 +60,7 @@ class Parameter:
         self.fixed: Any = None
         kind = name.rsplit(".", 1)[-1]
         self.colour = kind in COLOURS
+        encoded = isinstance(value, Texture) and not value.raw
         if isinstance(value, Texture):
             self.factor = value.scale
             bitmap = {"type": "bitmap", "filename": str(value.path), "raw": bool(value.raw)}
@@ -74,6 +76,11 @@ class Parameter:
         else:
             self.fixed, self.colour = value, False
             value = self._constant_number(value)
+        if kind in BOUNDED and isinstance(value, mi.Texture):
+            most = _highest(mi, value, encoded) * self.factor
+            if most > 1 + 1e-4:
+                # A walk between such a base and a coat gains light at every turn and never ends.
+                raise MaterialError(f"found {most:g}; allowed: values from 0 to 1", where=name)
         self.value = value
 
     def _constant_number(self, value: float) -> Any:
@@ -206,6 +213,29 @@ def _spectral_metals(mi: Any, stack: Stack) -> dict[str, Any]:
             metal = traversed(mi, mi.load_dict({"type": "conductor", "material": material}))
             found |= {f"layer_{i}.eta": metal["eta"], f"layer_{i}.k": metal["k"]}
     return found
+
+
+def _highest(mi: Any, texture: Any, encoded: bool) -> float:
+    """The largest value of a texture, as far as it is known: of spectra their peak, of images their texels'.
+
+    Texels of one byte are as they are in the file, sRGB-encoded perhaps.
+    """
+    try:
+        return float(texture.max())
+    except RuntimeError:  # most textures cannot say
+        pass
+    if "spectral" in mi.variant():
+        return 0.0  # texels of a colour are coefficients there
+    most = 0.0
+    for key, value in mi.traverse(texture):
+        if key.endswith((".value", "data")):
+            array = np.array(value)
+            peak = float(np.max(array))
+            if np.issubdtype(array.dtype, np.integer):
+                peak /= np.iinfo(array.dtype).max
+                peak = ((peak + 0.055) / 1.055) ** 2.4 if encoded else peak
+            most = max(most, peak)
+    return most
 
 
 def traversed(mi: Any, plugin: Any) -> dict[str, Any]:
