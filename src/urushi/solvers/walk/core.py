@@ -88,9 +88,15 @@ class WalkCore:
             square = tuple(self.spectrum(s + dr.square(v)) for s, v in zip(sums[size:], new, strict=True))
             return (i + 1, *mean, *square)
 
-        most = int(count) if self.stack.still is not None else None
         start = (uint(0), *([zero] * (2 * size)))
-        out = dr.while_loop(start, lambda i, *_: i < count, body, label="samples", max_iterations=most)
+        if self.stack.still is not None and self.stack.unrolled:
+            out = start
+            for _ in range(count):
+                out = body(*out)
+        else:
+            # Dr.Jit cannot differentiate a loop within a loop in reverse: with live numbers, one launch a sample.
+            mode = None if self.stack.still is None else "evaluated"
+            out = dr.while_loop(start, lambda i, *_: i < count, body, label="samples", mode=mode)
         size_inv = 1 / float_type(wi)(count)
         return tuple(value * size_inv for value in out[1:])
 

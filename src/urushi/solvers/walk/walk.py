@@ -268,7 +268,7 @@ def _density(interface: Interface, event: Scatter, before: Array, w: Vector, dow
     passed = before
     if event.through is not False:
         bent = dr.square(interface.ratio(down)) * dr.abs(event.o.z) / dr.maximum(w.z, 1e-20)
-        passed = before * dr.select(event.through, bent, 1.0)
+        passed = dr.minimum(before * dr.select(event.through, bent, 1.0), DELTA)  # its square must stay finite
     return passed if interface.delta is True else dr.select(interface.delta, passed, event.pdf)
 
 
