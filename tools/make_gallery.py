@@ -26,7 +26,7 @@ CELLS = (
     ("varnished-wood", "ball"),
     ("brushed-metal-lacquer", "ball"),
     ("pearl", "ball"),
-    ("frosted-glass", "ball"),
+    ("enamel-on-copper", "ball"),
 )
 COLUMNS = 4
 CELL = 320
@@ -47,7 +47,7 @@ def cell(preset: str, shape: str, spp: int) -> np.ndarray:
 def main() -> int:
     """Render and write; the exit status."""
     parser = argparse.ArgumentParser(description="Render the gallery of the README.")
-    parser.add_argument("--spp", type=int, default=512, help="samples per pixel")
+    parser.add_argument("--spp", type=int, default=256, help="samples per pixel")
     parser.add_argument("-o", "--output", type=Path, default=ROOT / "docs" / "images" / "gallery.png")
     options = parser.parse_args()
     llvm.ensure()
