@@ -24,7 +24,7 @@ import drjit as dr
 from ...interfaces import Interface, Scatter
 from ...media import entry_height, inverse_cosine
 from ...optics.random import Generator, uniform
-from ...optics.vectors import Array, Vector, channels, mirror, negate, peak
+from ...optics.vectors import Array, Vector, at_least, at_most, channels, mirror, negate, peak
 from ..bound import CALM, BoundStack
 from .derivative import MOST_SWEEPS, relative, run
 from .exit import DELTA, Exit, flux_back, sample_exit
@@ -105,7 +105,7 @@ def _connects_only(stack: BoundStack) -> bool:
 def _weight(own: Array, other: Array) -> Array:
     """Power heuristic: the weight of the strategy of density `own` against `other` for the same path."""
     own, other = dr.square(dr.detach(own)), dr.square(dr.detach(other))
-    return own / dr.maximum(own + other, 1e-36)
+    return own / at_least(own + other, 1e-36)
 
 
 def _uint(w: Vector) -> Any:
@@ -267,8 +267,8 @@ def _density(interface: Interface, event: Scatter, before: Array, w: Vector, dow
         return event.pdf
     passed = before
     if event.through is not False:
-        bent = dr.square(interface.ratio(down)) * dr.abs(event.o.z) / dr.maximum(w.z, 1e-20)
-        passed = dr.minimum(before * dr.select(event.through, bent, 1.0), DELTA)  # its square must stay finite
+        bent = dr.square(interface.ratio(down)) * dr.abs(event.o.z) / at_least(w.z, 1e-20)
+        passed = at_most(before * dr.select(event.through, bent, 1.0), DELTA)  # its square must stay finite
     return passed if interface.delta is True else dr.select(interface.delta, passed, event.pdf)
 
 
@@ -315,11 +315,11 @@ def _roulette_threshold(stack: BoundStack) -> float:
 
 def _roulette(s: State, like: Vector, threshold: float, max_depth: int | None) -> None:
     """End paths that carry little, in proportion; the rest carry more."""
-    survival = dr.minimum(peak(dr.detach(s["throughput"])) * (1 / threshold), 1)
+    survival = at_most(peak(dr.detach(s["throughput"])) * (1 / threshold), 1)
     if s["calm"] is not None:
-        survival = dr.select(s["calm"], dr.minimum(survival, CALM), survival)
+        survival = dr.select(s["calm"], at_most(survival, CALM), survival)
         s["calm"] = None
     alive = uniform(s["rng"], like) < survival
     if max_depth is not None:
         alive = alive & (s["depth"] < max_depth)
-    s["throughput"] = dr.select(alive, s["throughput"] * dr.rcp(dr.maximum(survival, 1e-30)), 0)
+    s["throughput"] = dr.select(alive, s["throughput"] * dr.rcp(at_least(survival, 1e-30)), 0)
