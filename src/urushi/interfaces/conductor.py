@@ -8,7 +8,7 @@ import drjit as dr
 
 from ..optics.fresnel import fresnel_conductor
 from ..optics.microfacet import Microfacets
-from ..optics.vectors import Array, Vector, halfway, negate, reflect
+from ..optics.vectors import Array, Vector, at_least, at_most, halfway, negate, reflect
 from .base import HORIZON, Frame, Interface, Part, Scatter
 
 
@@ -41,7 +41,7 @@ class BoundConductor(Interface):
         m = halfway(w, o)
         sigma = self.facets.sigma(w)
         pdf = self.facets.density(m) * dr.rcp(4 * sigma)
-        seen = dr.minimum(w.z, o.z) > HORIZON
+        seen = at_most(w.z, o.z) > HORIZON
         if self.delta is not False:
             seen &= negate(self.delta)
         pdf = dr.select(seen, pdf, 0)
@@ -59,7 +59,7 @@ class BoundConductor(Interface):
         m = self.facets.sample(w, u[1], u[2])
         o = reflect(w, m)
         sigma = self.facets.sigma(w)
-        fresnel = fresnel_conductor(dr.clip(dr.dot(w, m), 0, 1), self.eta, self.k)
+        fresnel = fresnel_conductor(at_most(at_least(dr.dot(w, m), 0), 1), self.eta, self.k)
         kept = dr.select(o.z > 0, self.facets.masked(w, o, sigma), 0)
         return Scatter(self.frame.leave(o), fresnel * kept, self.facets.density(m) * dr.rcp(4 * sigma), False)
 
@@ -68,7 +68,7 @@ class BoundConductor(Interface):
         return dr.select(self.delta, fresnel, 0), 0 * cos
 
     def lobe(self, cos: Array, above: bool) -> tuple[Array, Array, Array]:
-        alpha = dr.maximum(*self.roughness()) + 0 * cos
+        alpha = at_least(*self.roughness()) + 0 * cos
         return fresnel_conductor(cos, self.eta, self.k), 0 * cos, alpha
 
     def roughness(self) -> tuple[Array, Array]:

@@ -12,7 +12,7 @@ import drjit as dr
 
 from ..optics.fresnel import fresnel_between, fresnel_dielectric
 from ..optics.microfacet import Microfacets
-from ..optics.vectors import Array, Vector, halfway, negate, reflect, refract
+from ..optics.vectors import Array, Vector, at_least, at_most, halfway, negate, reflect, refract
 from .base import HORIZON, Frame, Interface, Part, Scatter
 
 
@@ -47,7 +47,7 @@ class BoundDielectric(Interface):
         m = halfway(w, o)
         sigma = self.facets.sigma(w)
         visible = self.facets.density(m) * dr.rcp(4 * sigma)
-        visible = dr.select(self._rough(dr.minimum(w.z, o.z) > HORIZON), visible, 0)
+        visible = dr.select(self._rough(at_most(w.z, o.z) > HORIZON), visible, 0)
         fresnel, _ = fresnel_dielectric(dr.dot(w, m), self.ratio(above), self.ratio(not above))
         value = fresnel * visible * self.facets.masked(w, o, sigma)
         return value, visible if part == "reflect" else fresnel * visible
@@ -58,15 +58,15 @@ class BoundDielectric(Interface):
         w, o, eta = self.frame.enter(w), self.frame.enter(o), self.ratio(above)
         # w + eta o = (cos_w - eta cos_o) m by Snell's law: its length is in the Jacobian, too.
         m = dr.fma(o, eta, w)
-        inv_length = dr.rsqrt(dr.maximum(dr.squared_norm(m), 1e-20))
+        inv_length = dr.rsqrt(at_least(dr.squared_norm(m), 1e-20))
         m = m * dr.select(m.z < 0, -inv_length, inv_length)
         cos_w, cos_o = dr.dot(w, m), -dr.dot(o, m)
         crossed = self._rough((w.z > 0) & (o.z < 0) & (cos_w > 0) & (cos_o > 0))
         sigma = self.facets.sigma(w)
         visible = self.facets.density(m) * cos_w * dr.rcp(sigma) * dr.square(eta * inv_length) * cos_o
         visible = dr.select(crossed, visible, 0)
-        fresnel = fresnel_between(dr.select(crossed, cos_w, 1.0), dr.maximum(cos_o, 0), eta)
-        up = type(o)(o.x, o.y, dr.maximum(-o.z, 0))
+        fresnel = fresnel_between(dr.select(crossed, cos_w, 1.0), at_least(cos_o, 0), eta)
+        up = type(o)(o.x, o.y, at_least(-o.z, 0))
         value = (1 - fresnel) * visible * self.facets.masked(w, up, sigma)
         return value, visible if part == "transmit" else (1 - fresnel) * visible
 
@@ -74,7 +74,7 @@ class BoundDielectric(Interface):
         w, facets = self.frame.enter(w), self.facets
         eta, inv_eta = self.ratio(above), self.ratio(not above)
         m = type(w)(0, 0, 1) if facets is None else facets.sample(w, u[1], u[2])
-        cos_w = w.z if facets is None else dr.clip(dr.dot(w, m), 0, 1)
+        cos_w = w.z if facets is None else at_most(at_least(dr.dot(w, m), 0), 1)
         fresnel, cos_t = fresnel_dielectric(cos_w, eta, inv_eta)
         through: Any = part == "transmit"
         weight = 1.0 + 0 * w.x
@@ -93,7 +93,7 @@ class BoundDielectric(Interface):
         right = dr.select(through, o.z < 0, o.z > 0)
         kept = facets.masked(w, up, sigma)
         reflected = 0.25
-        refracted = dr.square(eta) * cos_w * cos_t / dr.maximum(dr.square(cos_w - eta * cos_t), 1e-20)
+        refracted = dr.square(eta) * cos_w * cos_t / at_least(dr.square(cos_w - eta * cos_t), 1e-20)
         pdf = facets.density(m) * dr.rcp(sigma) * dr.select(through, refracted, reflected)
         if part == "both":
             pdf = pdf * dr.select(through, 1 - fresnel, fresnel)
@@ -109,7 +109,7 @@ class BoundDielectric(Interface):
 
     def lobe(self, cos: Array, above: bool) -> tuple[Array, Array, Array]:
         fresnel, _ = fresnel_dielectric(cos, self.ratio(above), self.ratio(not above))
-        alpha = dr.maximum(*self.roughness()) + 0 * cos
+        alpha = at_least(*self.roughness()) + 0 * cos
         return fresnel, 1 - fresnel, alpha
 
     def roughness(self) -> tuple[Array, Array]:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import drjit as dr
 
-from ..optics.vectors import Array, Vector, cosine_hemisphere
+from ..optics.vectors import Array, Vector, at_least, cosine_hemisphere
 from .base import Interface, Part, Scatter
 
 
@@ -22,7 +22,7 @@ class BoundDiffuse(Interface):
         self.reflectance = reflectance
 
     def reflect(self, w: Vector, o: Vector, above: bool, part: Part = "both") -> tuple[Array, Array]:
-        pdf = dr.maximum(o.z, 0) * dr.inv_pi
+        pdf = at_least(o.z, 0) * dr.inv_pi
         return self.reflectance * pdf, pdf
 
     def transmit(self, w: Vector, o: Vector, above: bool, part: Part = "both") -> tuple[Array, Array]:

@@ -11,7 +11,7 @@ from typing import Any
 
 import drjit as dr
 
-from ..optics.vectors import Array, Vector, channels, total
+from ..optics.vectors import Array, Vector, at_least, at_most, channels, total
 
 #: the smallest cosine told from 0
 GRAZING = 1e-9
@@ -19,7 +19,7 @@ GRAZING = 1e-9
 
 def inverse_cosine(cos: Array) -> Array:
     """1 / |cos|, finite at grazing angles."""
-    return dr.rcp(dr.maximum(dr.abs(cos), GRAZING))
+    return dr.rcp(at_least(dr.abs(cos), GRAZING))
 
 
 def entry_height(w: Vector) -> Array:
@@ -56,7 +56,7 @@ class BoundMedium:
 
     def __init__(self, depth: Array, albedo: Array, phase: Any, scatters: bool = True) -> None:
         self.depth = depth
-        self.inv_depth = 1 / dr.maximum(depth, 1e-20)
+        self.inv_depth = 1 / at_least(depth, 1e-20)
         self.albedo = albedo
         self.phase = phase
         self.scatters = scatters
@@ -80,7 +80,7 @@ class BoundMedium:
         """
         down = w.z < 0
         ahead = dr.select(down, 1 - t, t)
-        cos = dr.maximum(dr.abs(w.z), GRAZING)
+        cos = at_least(dr.abs(w.z), GRAZING)
         depth = self.depth * (ahead * dr.rcp(cos))
         passed = dr.exp(-depth)
         lost = _one_minus_exp(depth, passed)
@@ -95,7 +95,7 @@ class BoundMedium:
             scattered = hit
         else:
             chances = throughput * hit
-            chances = chances / dr.maximum(total(chances), 1e-30)
+            chances = chances / at_least(total(chances), 1e-30)
             chosen, lost_there, inv = 0 * u3, 0 * u3, 0 * u3
             below = 0 * u3
             for c in range(channels(depth)):
@@ -106,17 +106,19 @@ class BoundMedium:
                 below = below + chances[c]
             distance = _invert(chosen, lost_there, u2, inv * cos, ahead)
             # Densities along the flight: each channel's own exponential, truncated at the boundary.
-            density = depth * dr.exp(-depth * (distance / dr.maximum(ahead, 1e-30)))
-            mixture = total(chances * density / dr.maximum(lost, 1e-30))
+            density = depth * dr.exp(-depth * (distance / at_least(ahead, 1e-30)))
+            mixture = total(chances * density / at_least(lost, 1e-30))
             # Where nothing can collide that is still there, neither can anything else.
-            scattered = dr.select(mixture > 1e-30, self.albedo * density / dr.maximum(mixture, 1e-30), 0)
+            scattered = dr.select(mixture > 1e-30, self.albedo * density / at_least(mixture, 1e-30), 0)
         if grey:
             weight = passed + hit
         else:
             both = carried + carried_hit
             chosen_share = dr.select(collided, carried_hit, carried)
-            weight = dr.select(collided, scattered, passed) * (both / dr.maximum(chosen_share, 1e-30))
-        return Flight(collided, dr.clip(dr.select(down, t + distance, t - distance), 0, 1), weight, scattered)
+            weight = dr.select(collided, scattered, passed) * (both / at_least(chosen_share, 1e-30))
+        return Flight(
+            collided, at_most(at_least(dr.select(down, t + distance, t - distance), 0), 1), weight, scattered
+        )
 
 
 def _one_minus_exp(depth: Array, passed: Array) -> Array:
@@ -131,5 +133,5 @@ def _invert(depth: Array, lost: Array, u: Array, scale: Array, ahead: Array) -> 
         depth: optical depth of the flight; lost: 1 - exp(-depth).
         scale: distance of optical depth 1.
     """
-    exact = -dr.log(dr.maximum(1 - u * lost, 1e-30)) * scale
-    return dr.select(depth < 1e-2, ahead * u * (1 - 0.5 * depth * (1 - u)), dr.minimum(exact, ahead))
+    exact = -dr.log(at_least(1 - u * lost, 1e-30)) * scale
+    return dr.select(depth < 1e-2, ahead * u * (1 - 0.5 * depth * (1 - u)), at_most(exact, ahead))

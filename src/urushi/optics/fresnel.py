@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import drjit as dr
 
-from .vectors import Array
+from .vectors import Array, at_least, root
 
 
 def fresnel_dielectric(cos_i: Array, eta: Array, inv_eta: Array) -> tuple[Array, Array]:
@@ -25,7 +25,7 @@ def fresnel_dielectric(cos_i: Array, eta: Array, inv_eta: Array) -> tuple[Array,
     """
     # Snell as (eta^2 - 1 + cos^2) / eta^2, which cancels nowhere but at the critical angle itself.
     cos_t_sq = dr.square(inv_eta) * dr.fma(eta - 1, eta + 1, dr.square(cos_i))
-    cos_t = dr.safe_sqrt(cos_t_sq)
+    cos_t = root(cos_t_sq)
     reflectance = fresnel_between(cos_i, cos_t, eta)
     return dr.select(cos_t_sq <= 0, dr.select(eta == 1, 0.0, 1.0), reflectance), cos_t
 
@@ -36,7 +36,7 @@ def fresnel_between(cos_i: Array, cos_t: Array, eta: Array) -> Array:
     s_sum, p_sum = cos_i + eta_t, eta_i + cos_t
     s, p = (cos_i - eta_t) * p_sum, (eta_i - cos_t) * s_sum
     # The floor only serves grazing angles, where plain floats would divide by 0.
-    return 0.5 * (dr.square(s) + dr.square(p)) / dr.maximum(dr.square(s_sum * p_sum), 1e-37)
+    return 0.5 * (dr.square(s) + dr.square(p)) / at_least(dr.square(s_sum * p_sum), 1e-37)
 
 
 def fresnel_conductor(cos_i: Array, eta: Array, k: Array) -> Array:
@@ -52,11 +52,11 @@ def fresnel_conductor(cos_i: Array, eta: Array, k: Array) -> Array:
     # a = eta k / b, and everything is multiplied by `root` instead of divided.
     difference = dr.fma(eta - k, eta + k, -sin2)
     product = eta * k
-    modulus = dr.sqrt(dr.fma(difference, difference, dr.maximum(dr.square(2 * product), 1e-20)))
+    modulus = dr.sqrt(dr.fma(difference, difference, at_least(dr.square(2 * product), 1e-20)))
     square = 0.5 * (modulus + dr.abs(difference))
     root = dr.sqrt(square)
     cross = 2 * cos_i * dr.select(difference > 0, square, product)
     s_sum = (modulus + cos2) * root
     p_sum = dr.fma(modulus, cos2, dr.square(sin2)) * root
     # (R_s + R_p) / 2 with R_p = R_s (p_sum - cross sin2) / (p_sum + cross sin2).
-    return dr.maximum(s_sum - cross, 0) * p_sum / ((s_sum + cross) * dr.fma(cross, sin2, p_sum))
+    return at_least(s_sum - cross, 0) * p_sum / ((s_sum + cross) * dr.fma(cross, sin2, p_sum))

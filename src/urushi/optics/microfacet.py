@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import drjit as dr
 
-from .vectors import Array, Vector, azimuth
+from .vectors import Array, Vector, at_least, at_most, azimuth, root
 
 
 class Microfacets:
@@ -29,8 +29,8 @@ class Microfacets:
         self.alpha_x = alpha_x
         self.alpha_y = alpha_y
         # Lanes may be smooth (their interface ignores the density): finite there, so that nothing becomes NaN.
-        self.inv_x = 1 / dr.maximum(alpha_x, 1e-6)
-        self.inv_y = 1 / dr.maximum(alpha_y, 1e-6)
+        self.inv_x = 1 / at_least(alpha_x, 1e-6)
+        self.inv_y = 1 / at_least(alpha_y, 1e-6)
         self.norm = dr.inv_pi * self.inv_x * self.inv_y
         self.ggx = distribution == "ggx"
         self.correlated = masking == "correlated"
@@ -41,7 +41,7 @@ class Microfacets:
         z2 = dr.square(m.z)
         if self.ggx:
             return self.norm / dr.square(slope + z2)
-        inv_z2 = dr.rcp(dr.maximum(z2, 1e-18))
+        inv_z2 = dr.rcp(at_least(z2, 1e-18))
         return self.norm * dr.exp(-slope * inv_z2) * dr.square(inv_z2)
 
     def sigma(self, w: Vector) -> Array:
@@ -49,26 +49,26 @@ class Microfacets:
         stretch = dr.square(self.alpha_x * w.x) + dr.square(self.alpha_y * w.y)
         if self.ggx:
             return 0.5 * (w.z + dr.sqrt(dr.fma(w.z, w.z, stretch)))
-        spread = dr.maximum(dr.sqrt(stretch), 1e-20)
+        spread = at_least(dr.sqrt(stretch), 1e-20)
         a = w.z / spread
         return 0.5 * (w.z * (1 + dr.erf(a)) + spread * dr.exp(-dr.square(a)) * dr.inv_sqrt_pi)
 
     def _g1_walter(self, w: Vector) -> Array:
         """Walter's rational fit (2007, section 5.2) to the masking of a Beckmann surface."""
         spread = dr.sqrt(dr.square(self.alpha_x * w.x) + dr.square(self.alpha_y * w.y))
-        a = w.z / dr.maximum(spread, 1e-20)
+        a = w.z / at_least(spread, 1e-20)
         a2 = dr.square(a)
         return dr.select(a >= 1.6, 1.0, (3.535 * a + 2.181 * a2) / (1 + 2.276 * a + 2.577 * a2))
 
     def masked(self, w: Vector, o: Vector, sigma_w: Array) -> Array:
         """G2(w, o) / G1(w): the part of the facets visible from w that o sees too. Both directions have z >= 0."""
         if not self.ggx and not self.correlated:
-            return self._g1_walter(w) * self._g1_walter(o) * sigma_w / dr.maximum(w.z, 1e-20)
+            return self._g1_walter(w) * self._g1_walter(o) * sigma_w / at_least(w.z, 1e-20)
         sigma_o = self.sigma(o)
         if not self.correlated:
             return o.z / sigma_o
         # (1 + Lambda_w) / (1 + Lambda_w + Lambda_o), times cos_w cos_o above and below.
-        return sigma_w * o.z / dr.maximum(dr.fma(sigma_w - w.z, o.z, sigma_o * w.z), 1e-20)
+        return sigma_w * o.z / at_least(dr.fma(sigma_w - w.z, o.z, sigma_o * w.z), 1e-20)
 
     def sample(self, w: Vector, u1: Array, u2: Array) -> Vector:
         """A facet normal visible from w, with density D(m) max(0, w.m) / sigma(w) per solid angle."""
@@ -77,15 +77,15 @@ class Microfacets:
     def _stretched(self, w: Vector) -> Vector:
         """Where w points when the roughness is scaled to 1; no direction at all in the plane of a smooth lane."""
         s = type(w)(self.alpha_x * w.x, self.alpha_y * w.y, w.z)
-        return s * dr.rsqrt(dr.maximum(dr.squared_norm(s), 1e-30))
+        return s * dr.rsqrt(at_least(dr.squared_norm(s), 1e-30))
 
     def _sample_ggx(self, w: Vector, u1: Array, u2: Array) -> Vector:
         s = self._stretched(w)
         z = dr.fma(1 - u2, 1 + s.z, -s.z)
-        r = dr.safe_sqrt((1 - z) * (1 + z))
+        r = root((1 - z) * (1 + z))
         sin, cos = azimuth(u1)
         t = type(w)(dr.fma(r, cos, s.x), dr.fma(r, sin, s.y), z + s.z)
-        return dr.normalize(type(w)(self.alpha_x * t.x, self.alpha_y * t.y, dr.maximum(t.z, 0)))
+        return dr.normalize(type(w)(self.alpha_x * t.x, self.alpha_y * t.y, at_least(t.z, 0)))
 
     def _sample_beckmann(self, w: Vector, u1: Array, u2: Array) -> Vector:
         """Slopes of a surface of unit roughness seen from the stretched direction, then stretched back.
@@ -95,23 +95,23 @@ class Microfacets:
         monotonic there; three steps of Newton's method on erf(x), kept inside a shrinking bracket, invert it to 1e-6.
         """
         s = self._stretched(w)
-        sin = dr.safe_sqrt(1 - dr.square(s.z))
-        cos = dr.maximum(s.z, 1e-7)
+        sin = root(1 - dr.square(s.z))
+        cos = at_least(s.z, 1e-7)
         tan = sin / cos
-        end = dr.erf(dr.rcp(dr.maximum(tan, 1e-7)))  # erf of the steepest visible slope
+        end = dr.erf(dr.rcp(at_least(tan, 1e-7)))  # erf of the steepest visible slope
 
         def cumulative(b: Array) -> tuple[Array, Array]:
             x = dr.erfinv(b)
             return 0.5 * (1 + b) + 0.5 * dr.inv_sqrt_pi * tan * dr.exp(-dr.square(x)), x
 
         limit = 1 - 1e-6
-        total = cumulative(dr.minimum(end, limit))[0]
-        goal = dr.maximum(u1, 1e-6) * total
-        low, high = -limit + 0 * goal, dr.minimum(end, limit)
+        total = cumulative(at_most(end, limit))[0]
+        goal = at_least(u1, 1e-6) * total
+        low, high = -limit + 0 * goal, at_most(end, limit)
         # Jakob's first guess: (1 - u) to a power that depends on the angle.
-        theta = dr.acos(dr.minimum(cos, 1))
+        theta = dr.acos(at_most(cos, 1))
         power = dr.fma(theta, dr.fma(theta, dr.fma(theta, -0.0594, 0.4265), -0.876), 1)
-        b = dr.clip(end - (1 + end) * dr.power(dr.maximum(1 - u1, 1e-7), power), low, high)
+        b = at_most(at_least(end - (1 + end) * dr.power(at_least(1 - u1, 1e-7), power), low), high)
         for _ in range(3):
             value, x = cumulative(b)
             value = value - goal
@@ -120,8 +120,8 @@ class Microfacets:
             # The bounds themselves are allowed: that is where a converged step ends.
             b = dr.select((newton >= low) & (newton <= high), newton, 0.5 * (low + high))
         x = dr.erfinv(b)
-        y = dr.erfinv(dr.clip(2 * u2 - 1, -limit, limit))
-        length = dr.maximum(dr.sqrt(dr.square(s.x) + dr.square(s.y)), 1e-20)
+        y = dr.erfinv(at_most(at_least(2 * u2 - 1, -limit), limit))
+        length = at_least(dr.sqrt(dr.square(s.x) + dr.square(s.y)), 1e-20)
         turned = length > 1e-10
         c = dr.select(turned, s.x / length, 1.0)
         n = dr.select(turned, s.y / length, 0.0)

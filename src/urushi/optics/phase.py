@@ -11,7 +11,7 @@ from typing import Any
 
 import drjit as dr
 
-from .vectors import Array, Vector, around
+from .vectors import Array, Vector, around, at_least, at_most
 
 
 class Isotropic:
@@ -50,7 +50,7 @@ class HenyeyGreenstein:
         scale = 2 * dr.rcp(dr.square(dr.fma(2 * self.spread, dr.select(g < 0, v1, u1), 1 - self.spread)))
         one_minus = dr.square(1 - g) * v1 * dr.fma(-g, v1, 1 + g) * scale
         one_plus = dr.square(1 + g) * u1 * dr.fma(g, u1, 1 - g) * scale
-        cos = dr.clip(1 - one_minus, -1, 1)
+        cos = at_most(at_least(1 - one_minus, -1), 1)
         return around(before, cos, u2, dr.sqrt(one_minus * one_plus))
 
 
@@ -66,7 +66,7 @@ class Rayleigh:
         # The real root of cos^3 + 3 cos = 4 (2 u - 1), after Frisvad 2011.
         a = 2 * (2 * u1 - 1)
         root = dr.cbrt(a + dr.sqrt(dr.square(a) + 1))
-        return around(before, dr.clip(root - dr.rcp(root), -1, 1), u2)
+        return around(before, at_most(at_least(root - dr.rcp(root), -1), 1), u2)
 
 
 PHASE_FUNCTIONS: dict[str, Any] = {

@@ -15,6 +15,21 @@ Array = Any  # a Dr.Jit array or a Python number; Dr.Jit has no common static ty
 Vector = Any  # a Dr.Jit array of three components
 
 
+def at_least(value: Array, bound: Array) -> Array:
+    """The larger of both, in two instructions: Dr.Jit's maximum spends more on passing on what is not a number."""
+    return dr.select(value > bound, value, bound)
+
+
+def at_most(value: Array, bound: Array) -> Array:
+    """The smaller of both, likewise."""
+    return dr.select(value < bound, value, bound)
+
+
+def root(value: Array) -> Array:
+    """The square root, 0 for what rounding made negative."""
+    return dr.sqrt(at_least(value, 0))
+
+
 def mirror(w: Vector) -> Vector:
     """The direction seen in the plane of the surface: z changes sign."""
     return type(w)(w.x, w.y, -w.z)
@@ -33,7 +48,7 @@ def reflect(w: Vector, m: Vector) -> Vector:
 def halfway(w: Vector, o: Vector) -> Vector:
     """The unit vector half-way between two; the null vector where they cancel."""
     m = w + o
-    return m * dr.rsqrt(dr.maximum(dr.squared_norm(m), 1e-30))
+    return m * dr.rsqrt(at_least(dr.squared_norm(m), 1e-30))
 
 
 def refract(w: Vector, m: Vector, cos_i: Array, cos_t: Array, inv_eta: Array) -> Vector:
@@ -83,7 +98,7 @@ def around(axis: Vector, cos: Array, u: Array, sin: Array | None = None) -> Vect
     t = type(axis)(b, sign + dr.square(axis.y) * a, -axis.y)
     sin_phi, cos_phi = azimuth(u)
     if sin is None:
-        sin = dr.safe_sqrt((1 - cos) * (1 + cos))
+        sin = root((1 - cos) * (1 + cos))
     return dr.fma(s, sin * cos_phi, dr.fma(t, sin * sin_phi, axis * cos))
 
 
@@ -91,7 +106,7 @@ def cosine_hemisphere(u1: Array, u2: Array, like: Vector) -> Vector:
     """A direction of the upper hemisphere with density cos(theta) / pi."""
     r = dr.sqrt(u1)
     sin, cos = azimuth(u2)
-    return type(like)(r * cos, r * sin, dr.sqrt(dr.maximum(1 - u1, 0)))
+    return type(like)(r * cos, r * sin, dr.sqrt(at_least(1 - u1, 0)))
 
 
 def float_type(w: Vector) -> type:

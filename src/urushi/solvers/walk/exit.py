@@ -16,7 +16,7 @@ import drjit as dr
 
 from ...media import inverse_cosine
 from ...optics.random import Generator, uniform
-from ...optics.vectors import Array, Vector, mirror, negate, total
+from ...optics.vectors import Array, Vector, at_least, mirror, negate, total
 from ..bound import CALM, BoundStack
 from .derivative import MOST_SWEEPS, relative, run
 
@@ -177,11 +177,11 @@ def _advance(stack: BoundStack, s: dict[str, Any], region: int, down: bool) -> N
         passed = medium.transmittance(1.0, inverse_cosine(w.z))
         lit = dr.detach(total(s["weight"] * passed))
         hit = dr.detach(total(s["weight"] * (medium.albedo * (1 - passed))))
-        p_pass = dr.select(hit > 0, lit / dr.maximum(lit + hit, 1e-30), 1.0)
+        p_pass = dr.select(hit > 0, lit / at_least(lit + hit, 1e-30), 1.0)
         stop = smooth & (uniform(s["rng"], w) >= p_pass)
         smooth = smooth & negate(stop)
         s["going"] = s["going"] & negate(stop)
-        scaled = dr.select(stop, 1 / dr.maximum(1 - p_pass, 1e-30), passed / dr.maximum(p_pass, 1e-30))
+        scaled = dr.select(stop, 1 / at_least(1 - p_pass, 1e-30), passed / at_least(p_pass, 1e-30))
         s["weight"] = dr.select(stop | smooth, s["weight"] * scaled, s["weight"])
     up_frame = -w if down else mirror(-w)
     u = (uniform(s["rng"], w), 0.5, 0.5)
@@ -192,7 +192,7 @@ def _advance(stack: BoundStack, s: dict[str, Any], region: int, down: bool) -> N
     if interface.opaque:
         return
     through = smooth & event.through
-    bent = dr.abs(w.z) / dr.maximum(dr.abs(o.z) * dr.square(interface.ratio(down)), 1e-20)
+    bent = dr.abs(w.z) / at_least(dr.abs(o.z) * dr.square(interface.ratio(down)), 1e-20)
     s["weight"] = dr.select(through, s["weight"] * bent, s["weight"])
     s["jacobian"] = dr.select(through, s["jacobian"] * bent, s["jacobian"])
     beyond = region + 1 if down else region - 1

@@ -20,7 +20,17 @@ import drjit as dr
 from ...interfaces.base import Frame
 from ...media import inverse_cosine
 from ...optics.microfacet import Microfacets
-from ...optics.vectors import Array, Vector, channels, cosine_hemisphere, mirror, reflect, total
+from ...optics.vectors import (
+    Array,
+    Vector,
+    at_least,
+    at_most,
+    channels,
+    cosine_hemisphere,
+    mirror,
+    reflect,
+    total,
+)
 from ..bound import BoundStack
 from .smooth import cosines, has_delta, smooth_energy, snell
 
@@ -58,7 +68,7 @@ class Lobe:
             return z * dr.inv_pi
         w = self.frame.enter(self.axis)
         up = self.frame.enter(type(o)(o.x, o.y, z))
-        scale = dr.rcp(4 * dr.maximum(self.facets.sigma(w), 1e-20))
+        scale = dr.rcp(4 * at_least(self.facets.sigma(w), 1e-20))
         folded = dr.normalize(w + mirror(up))
         density = self.facets.density(dr.normalize(w + up))
         density = density + dr.select(folded.z > 0, self.facets.density(folded), 0)
@@ -123,11 +133,11 @@ def propose(stack: BoundStack, wi: Vector) -> Proposal:
     rough = _few(list(guess.rough.values()), stack.opaque)
     for energy, *_ in rough:
         whole = whole + energy
-    whole = dr.rcp(dr.maximum(whole + guess.through, 1e-20))
+    whole = dr.rcp(at_least(whole + guess.through, 1e-20))
     side_up = wi.z > 0
     lobes: list[Lobe] = []
     # Kept off the horizon, so that no half-way vector vanishes.
-    axis = type(wi)(wi.x, wi.y, dr.maximum(dr.abs(wi.z), 1e-6))
+    axis = type(wi)(wi.x, wi.y, at_least(dr.abs(wi.z), 1e-6))
     sides = (True,) if stack.opaque else (True, False)
     for up in sides:
         # On the side wi is on the reflected lobes lie, on the other the transmitted one.
@@ -192,7 +202,7 @@ def _guess(stack: BoundStack, wi: Vector, above: bool) -> _Guess:
         elif interface.delta is not True or blurred:
             x, y = interface.roughness()
             scale = dr.square(index / outside)
-            lobe = [dr.clip(dr.sqrt(scale * dr.square(a) + blur), NARROW, WIDE) for a in (x, y)]
+            lobe = [at_most(at_least(dr.sqrt(scale * dr.square(a) + blur), NARROW), WIDE) for a in (x, y)]
             certain = (
                 interface.delta is False or blurred
             )  # else smooth lanes reflect a delta part, counted elsewhere
@@ -217,11 +227,11 @@ def _guess(stack: BoundStack, wi: Vector, above: bool) -> _Guess:
     if not stack.opaque:
         ratio = outside / beyond
         z = snell(wi, ratio)
-        tilt = dr.minimum(ratio, dr.rcp(dr.maximum(dr.sqrt(dr.square(wi.x) + dr.square(wi.y)), 1e-9)))
-        axis = type(wi)(wi.x * tilt, wi.y * tilt, dr.maximum(z, 1e-4))
+        tilt = at_most(ratio, dr.rcp(at_least(dr.sqrt(dr.square(wi.x) + dr.square(wi.y)), 1e-9)))
+        axis = type(wi)(wi.x * tilt, wi.y * tilt, at_least(z, 1e-4))
     through = 0 * wi.x if stack.opaque else dr.select(cos[-1 if above else 0] > 0, passing, 0)
     through = through if any(interface.delta is not True for interface in stack.interfaces) else 0 * wi.x
-    alpha_through = dr.clip(0.5 * dr.sqrt(bend) / beyond, NARROW, WIDE)
+    alpha_through = at_most(at_least(0.5 * dr.sqrt(bend) / beyond, NARROW), WIDE)
     floor = FLOOR if _scatters(stack) else 0.0
     far = 0 * wi.x if stack.opaque else floor + 0.5 * diffuse
     return _Guess(rough, floor + diffuse, far, through, alpha_through, axis)
@@ -252,7 +262,7 @@ def _few(
     while len(rough) > MOST:
         i = len(rough) - 2 if opaque else len(rough) // 2 - 1
         (e1, x1, y1, _), (e2, x2, y2, _) = rough[i : i + 2]
-        rough[i : i + 2] = [(e1 + e2, dr.maximum(x1, x2), dr.maximum(y1, y2), Frame(0.0))]
+        rough[i : i + 2] = [(e1 + e2, at_least(x1, x2), at_least(y1, y2), Frame(0.0))]
     return rough
 
 

@@ -10,7 +10,7 @@ import drjit as dr
 
 from ...adding import Slab, add
 from ...media import inverse_cosine
-from ...optics.vectors import Array, Vector
+from ...optics.vectors import Array, Vector, at_most, root
 from ..bound import BoundStack
 
 
@@ -28,7 +28,7 @@ def cosines(stack: BoundStack, wi: Vector, above: bool) -> list[Array]:
 
 def snell(wi: Vector, ratio: Array) -> Array:
     """The cosine of refraction, for the index outside over the index inside; exact at grazing angles, too."""
-    return dr.safe_sqrt(dr.fma(dr.square(ratio), dr.square(wi.z), (1 - ratio) * (1 + ratio)))
+    return root(dr.fma(dr.square(ratio), dr.square(wi.z), (1 - ratio) * (1 + ratio)))
 
 
 def smooth_energy(stack: BoundStack, wi: Vector) -> tuple[Array, Array]:
@@ -51,7 +51,7 @@ def _series(stack: BoundStack, cos: list[Array]) -> Slab:
             r_bottom, t_up = interface.smooth_energy(cos[k + 1], above=False)
             # Where total reflection keeps light out of the region below, nothing bounces; and rounding must not make
             # anything bounce there for ever.
-            r_bottom = dr.select(cos[k + 1] > 0, dr.minimum(r_bottom, 1 - 2e-7), 0)
+            r_bottom = dr.select(cos[k + 1] > 0, at_most(r_bottom, 1 - 2e-7), 0)
         slab = Slab(r_top, t_down, r_bottom, t_up)
         medium = stack.media[k]
         if medium is not None and whole is not None:

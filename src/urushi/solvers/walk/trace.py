@@ -12,7 +12,7 @@ import drjit as dr
 
 from ...media import entry_height, inverse_cosine
 from ...optics.random import Generator, uniform
-from ...optics.vectors import Array, Vector, channels, mirror, negate, peak
+from ...optics.vectors import Array, Vector, at_least, at_most, channels, mirror, negate, peak
 from ..bound import CALM, BoundStack
 from .derivative import MOST_SWEEPS, relative, run
 
@@ -67,9 +67,9 @@ def trace(
         for down in (True, False):
             for r in stack.regions if down else reversed(stack.regions):
                 _advance(stack, s, r, down)
-        survival = dr.minimum(peak(dr.detach(s["throughput"])) * (1 / ROULETTE), 1)
+        survival = at_most(peak(dr.detach(s["throughput"])) * (1 / ROULETTE), 1)
         if s["calm"] is not None:
-            survival = dr.select(s["calm"], dr.minimum(survival, CALM), survival)
+            survival = dr.select(s["calm"], at_most(survival, CALM), survival)
             s["calm"] = None
         alive = uniform(s["rng"], s["d"]) < survival
         if max_depth is not None:
@@ -77,7 +77,7 @@ def trace(
         if stack.still is not None:
             s["turn"] = s["turn"] + 1
             alive = alive & (s["turn"] < MOST_SWEEPS)
-        s["throughput"] = dr.select(alive, s["throughput"] / dr.maximum(survival, 1e-30), 0)
+        s["throughput"] = dr.select(alive, s["throughput"] / at_least(survival, 1e-30), 0)
         # Mitsuba's spectra forget their name in arithmetic; a loop insists on the type it began with.
         s.update({name: spectrum(s[name]) for name in ("throughput", "up", "down")})
         return s
