@@ -7,6 +7,7 @@ that Mitsuba has for it. Textures are Mitsuba's `bitmap` plugin, or whatever tex
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import Any
 
@@ -22,6 +23,10 @@ from urushi.stack import Stack, Texture
 COLOURS = ("albedo", "reflectance", "depth", "sigma_t", "eta", "k")
 #: those of them that stay in [0, 1]
 BOUNDED = ("albedo", "reflectance")
+#: and those by which light fades
+DEPTHS = ("depth", "sigma_t")
+#: optical depth at which the colour of a medium becomes a spectrum, where it is deepest: down and up again
+FADED = 2.0
 
 
 @dataclass(frozen=True)
@@ -47,6 +52,7 @@ class Parameter:
     Attributes:
         value: a Dr.Jit number or colour, or a Mitsuba texture.
         factor: multiplies what a texture gives.
+        fading: what a texture gives is the transmittance exp(-fading * value) (0: the value itself).
         lowest: smallest value of a texture; smaller ones count as this one (None: any).
         fixed: the Python value behind it, if it is a constant (None for a texture that may be anything).
         colour: whether it differs from channel to channel.
@@ -56,6 +62,7 @@ class Parameter:
         self.mi = mi
         self.name = name
         self.factor: float = 1.0
+        self.fading: float = 0.0
         self.lowest: float | None = None
         self.fixed: Any = None
         kind = name.rsplit(".", 1)[-1]
@@ -94,6 +101,10 @@ class Parameter:
         mi = self.mi
         if "rgb" in mi.variant():
             return mi.Color3f(*(dr.opaque(mi.Float, v) for v in value))
+        if kind in DEPTHS and max(value) > 0:
+            # Smooth spectra of saturated colours miss them; what is seen is how the light fades, so that is made one.
+            self.fading = FADED / max(value)
+            return mi.load_dict({"type": "rgb", "value": [math.exp(-self.fading * v) for v in value]})
         # Mitsuba makes spectra of colours up to 1: larger ones are scaled down, and their spectrum up again.
         self.factor = 1.0 if kind in BOUNDED else max(2 * max(value), 1e-20)
         return mi.load_dict({"type": "rgb", "value": [v / self.factor for v in value]})
@@ -112,6 +123,8 @@ class Parameter:
         """The value now, in words."""
         if not self.textured:
             return ", ".join(f"{n:g}" for n in np.array(dr.detach(self.value), dtype=float).ravel())
+        if self.fading:
+            return f"-log / {self.fading:g} of {self.value}"
         return str(self.value) if self.factor == 1.0 else f"{self.factor:g} times {self.value}"
 
     @property
@@ -137,6 +150,8 @@ class Parameter:
             number = self.value.eval_1(si, active) * self.factor
             return number if self.lowest is None else dr.maximum(number, self.lowest)
         value = self.value.eval(si, active) * self.factor
+        if self.fading:
+            value = -dr.log(dr.maximum(value, 1e-9)) / self.fading
         return value[0] if "mono" in self.mi.variant() else value
 
 
