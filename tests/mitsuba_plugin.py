@@ -7,8 +7,9 @@ from typing import Any
 
 import drjit as dr
 import numpy as np
+import yaml
 
-from lanes import unit
+from lanes import direction, unit
 
 RADIANCE, IMPORTANCE = "Radiance", "Importance"
 
@@ -88,3 +89,103 @@ def above(rng: np.random.Generator, n: int) -> np.ndarray:
     w = everywhere(rng, n)
     w[:, 2] = np.abs(w[:, 2])
     return w
+
+
+SIDE = 16
+"""Width and height of the pictures below, in pixels."""
+
+
+def scene(
+    mi: Any, bsdf: Any, theta: float = 0.0, ball: bool = False, below: bool = False, **integrator: Any
+) -> Any:
+    """A plane that fills the image (or a ball in it), seen by parallel rays; light 1 from everywhere."""
+    layered(mi, filename="preset:enamel")
+    target = mi.ScalarPoint3f(0, 0, 0)
+    origin = mi.ScalarPoint3f(*(5 * direction(np.cos(np.radians(theta)))))
+    if below:
+        origin.z = -origin.z
+    transform = mi.ScalarTransform4f()
+    camera = transform.look_at(origin, target, [0, 1, 0]) @ transform.scale([0.5, 0.5, 1])
+    shape = (
+        {"type": "sphere", "radius": 0.4}
+        if ball
+        else {"type": "rectangle", "to_world": transform.scale(1 if theta else 0.5)}
+    )
+    if theta:
+        shape["to_world"] = transform.scale(20)
+    return mi.load_dict(
+        {
+            "type": "scene",
+            "integrator": {"type": "path"} | integrator,
+            "light": {"type": "constant"},
+            "shape": shape | {"bsdf": bsdf},
+            "camera": {
+                "type": "orthographic",
+                "to_world": camera,
+                "film": {"type": "hdrfilm", "width": SIDE, "height": SIDE, "rfilter": {"type": "box"}},
+                "sampler": {"type": "independent"},
+            },
+        }
+    )
+
+
+def picture(mi: Any, bsdf: Any, spp: int = 256, seed: int = 0, **options: Any) -> np.ndarray:
+    """(height, width, channels)."""
+    return np.array(mi.render(scene(mi, bsdf, **options), spp=spp, seed=seed), dtype=np.float64)
+
+
+def mean(pixels: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Mean and standard error of pixels of one expectation, by channel."""
+    flat = pixels.reshape(-1, pixels.shape[-1])
+    return flat.mean(axis=0), flat.std(axis=0) / np.sqrt(len(flat))
+
+
+def stack_file(tmp_path, layers: list[str]) -> dict[str, str]:
+    path = tmp_path / "stack.yaml"
+    path.write_text("urushi: 1\nlayers:\n" + "".join(f"  - {layer}\n" for layer in layers))
+    return {"type": "layered", "filename": str(path)}
+
+
+def write(tmp_path: Any, **changes: Any) -> str:
+    """A material file with every kind of number in it."""
+    numbers = {
+        "ior": 1.5,
+        "alpha": 0.2,
+        "depth": 0.7,
+        "albedo": [0.8, 0.5, 0.3],
+        "g": 0.4,
+        "u": 0.1,
+        "v": 0.3,
+        "k": 3.0,
+    }
+    numbers.update(changes)
+    stack = {
+        "urushi": 1,
+        "layers": [
+            {"dielectric": {"ior": numbers["ior"], "alpha": numbers["alpha"]}},
+            {
+                "medium": {
+                    "depth": numbers["depth"],
+                    "albedo": numbers["albedo"],
+                    "phase": {"henyey_greenstein": {"g": numbers["g"]}},
+                }
+            },
+            {"conductor": {"eta": [0.2, 0.9, 1.4], "k": numbers["k"], "alpha": [numbers["u"], numbers["v"]]}},
+        ],
+    }
+    path = tmp_path / "stack.yaml"
+    path.write_text(yaml.safe_dump(stack))
+    return str(path)
+
+
+OTHER = {
+    "ior": 1.3,
+    "alpha": 0.35,
+    "depth": 1.2,
+    "albedo": [0.2, 0.6, 0.9],
+    "g": 0.2,
+    "u": 0.25,
+    "v": 0.15,
+    "k": 2.0,
+}
+"""Another value for every number of that file."""

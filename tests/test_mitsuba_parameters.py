@@ -1,51 +1,14 @@
-"""`mi.traverse`: what the parameters are called, that setting them is as good as loading others, and that numbers
-compile nothing anew."""
+"""`mi.traverse`: what the parameters are called, and that setting them is as good as loading others."""
 
 from __future__ import annotations
-
-from collections.abc import Iterator
 
 import drjit as dr
 import mitsuba
 import numpy as np
 import pytest
-import yaml
 
 from conftest import LLVM
-from mitsuba_plugin import Asked, above, context, interaction, layered, vectors
-
-
-def write(tmp_path, **changes) -> str:
-    """A material file with every kind of number in it."""
-    numbers = {
-        "ior": 1.5,
-        "alpha": 0.2,
-        "depth": 0.7,
-        "albedo": [0.8, 0.5, 0.3],
-        "g": 0.4,
-        "u": 0.1,
-        "v": 0.3,
-        "k": 3.0,
-    }
-    numbers.update(changes)
-    stack = {
-        "urushi": 1,
-        "layers": [
-            {"dielectric": {"ior": numbers["ior"], "alpha": numbers["alpha"]}},
-            {
-                "medium": {
-                    "depth": numbers["depth"],
-                    "albedo": numbers["albedo"],
-                    "phase": {"henyey_greenstein": {"g": numbers["g"]}},
-                }
-            },
-            {"conductor": {"eta": [0.2, 0.9, 1.4], "k": numbers["k"], "alpha": [numbers["u"], numbers["v"]]}},
-        ],
-    }
-    path = tmp_path / "stack.yaml"
-    path.write_text(yaml.safe_dump(stack))
-    return str(path)
-
+from mitsuba_plugin import OTHER, Asked, above, layered, write
 
 NAMES = {
     "layer_0.ior": "ior",
@@ -56,16 +19,6 @@ NAMES = {
     "layer_2.k": "k",
     "layer_2.alpha_u": "u",
     "layer_2.alpha_v": "v",
-}
-OTHER = {
-    "ior": 1.3,
-    "alpha": 0.35,
-    "depth": 1.2,
-    "albedo": [0.2, 0.6, 0.9],
-    "g": 0.2,
-    "u": 0.25,
-    "v": 0.15,
-    "k": 2.0,
 }
 
 
@@ -136,105 +89,6 @@ def test_values_can_be_set_in_scalar_variants(tmp_path):
     values = [np.array(b.eval(ctx, si, mi.Vector3f(-0.6, 0, 0.8))) for b in (bsdf, other)]
     np.testing.assert_allclose(*values, rtol=1e-6)
     np.testing.assert_allclose(np.array(parameters["layer_0.alpha"]), 0.35)
-
-
-@pytest.fixture
-def history() -> Iterator[None]:
-    before = dr.flag(dr.JitFlag.KernelHistory)
-    dr.set_flag(dr.JitFlag.KernelHistory, True)
-    dr.kernel_history_clear()
-    yield
-    dr.kernel_history_clear()
-    dr.set_flag(dr.JitFlag.KernelHistory, before)
-
-
-def kernels(ask) -> set[str]:
-    """The hashes of the kernels that a question launches."""
-    dr.kernel_history_clear()
-    dr.eval(ask())
-    found = {k["hash"] for k in dr.kernel_history() if k["type"] == dr.KernelType.JIT}
-    assert found
-    return found
-
-
-def questions(mi, bsdf, rng):
-    """eval, pdf, sample and albedo in one kernel."""
-    si, wo, ctx = (
-        interaction(mi, above(rng, 64), uv=rng.random((64, 2))),
-        vectors(mi, above(rng, 64)),
-        context(mi),
-    )
-    u = mi.Float(np.float32(rng.random(64))), mi.Point2f(np.float32(rng.random((2, 64))))
-    dr.eval(si, wo, u)
-    return lambda: (
-        bsdf.eval(ctx, si, wo),
-        bsdf.pdf(ctx, si, wo),
-        bsdf.sample(ctx, si, *u),
-        bsdf.eval_diffuse_reflectance(si),
-    )
-
-
-def test_another_number_compiles_nothing(mi, rng, tmp_path, history):
-    """Stacks of one structure share kernels: freshly loaded, set by `mi.traverse`, or given another seed."""
-    first = kernels(questions(mi, layered(mi, filename=write(tmp_path)), rng))
-    bsdf = layered(mi, filename=write(tmp_path, **OTHER), seed=3)
-    assert kernels(questions(mi, bsdf, rng)) == first
-    parameters = mi.traverse(bsdf)
-    for alpha in (0.1, 0.4):
-        parameters["layer_0.alpha"] = alpha
-        parameters["layer_1.albedo"] = mi.Color3f(alpha, 0.5, 0.7)
-        parameters["layer_2.alpha_u"] = alpha
-        parameters.update()
-        assert kernels(questions(mi, bsdf, rng)) == first
-    # The planted fault: another structure is another kernel.
-    assert kernels(questions(mi, layered(mi, filename=write(tmp_path, alpha=0.0)), rng)) != first
-
-
-def test_another_number_compiles_nothing_in_children(mi, rng, history):
-    """The same for nested plugins."""
-
-    def nested(a: float, grey: float):
-        return layered(
-            mi,
-            layer_0={"type": "roughdielectric", "alpha": a, "int_ior": 1.4 + a, "ext_ior": 1.0},
-            layer_1={
-                "type": "homogeneous",
-                "albedo": {"type": "rgb", "value": [0.5, grey, 0.1]},
-                "sigma_t": a,
-            },
-            layer_2={"type": "diffuse", "reflectance": grey},
-        )
-
-    first, second = nested(0.1, 0.2), nested(0.3, 0.7)
-    known = kernels(questions(mi, first, rng))
-    assert kernels(questions(mi, second, rng)) == known
-    parameters = mi.traverse(second)
-    parameters["layer_0.alpha.value"] = 0.5
-    parameters["layer_1.albedo"] = mi.Color3f(0.1, 0.2, 0.3)
-    parameters.update()
-    assert kernels(questions(mi, second, rng)) == known
-
-
-def test_another_number_compiles_nothing_in_a_render(mi, tmp_path, history):
-    """Scenes that differ in the numbers of a stack only."""
-
-    def render(**changes):
-        bsdf = {"type": "layered", "filename": write(tmp_path, **changes)}
-        look = mi.ScalarTransform4f().look_at([0, 1, 3], [0, 0, 0], [0, 1, 0])
-        film = {"type": "hdrfilm", "width": 8, "height": 8}
-        layered(mi, filename=bsdf["filename"])
-        scene = mi.load_dict(
-            {
-                "type": "scene",
-                "integrator": {"type": "path", "max_depth": 3},
-                "light": {"type": "constant"},
-                "ball": {"type": "sphere", "bsdf": bsdf},
-                "camera": {"type": "perspective", "to_world": look, "film": film},
-            }
-        )
-        return kernels(lambda: mi.render(scene, spp=4))
-
-    assert render() == render(**OTHER)
 
 
 def test_it_prints_what_it_is(mi, tmp_path):
