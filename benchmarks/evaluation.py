@@ -23,7 +23,7 @@ def measure(quick: bool) -> dict[str, Any]:
 
     import urushi as ur
 
-    pairs, rounds = 4_000_000, 3 if quick else 15
+    pairs, rounds = 4_000_000, 3 if quick else 31
     wi, wo = _directions(mi, pairs, 1), _directions(mi, pairs, 2)
     plastic = mi.load_dict({"type": "roughplastic", "alpha": 0.1, "diffuse_reflectance": 0.5})
     si = dr.zeros(mi.SurfaceInteraction3f, pairs)

@@ -79,7 +79,9 @@ def main(arguments: list[str] | None = None) -> int:
     """Measure, and write or print; the exit status."""
     parser = argparse.ArgumentParser(description="Measure Urushi and write the benchmark tables.")
     parser.add_argument("--quick", action="store_true", help="small sizes: a look, not a result")
-    parser.add_argument("--only", choices=PARTS, action="append", help="measure this one; may be repeated")
+    parser.add_argument(
+        "--only", choices=PARTS, action="append", help="measure this one (again); may be repeated"
+    )
     parser.add_argument("-o", "--output", type=Path, help="folder for README.md and results.json")
     options = parser.parse_args(arguments)
     parts = options.only or PARTS
@@ -92,7 +94,10 @@ def main(arguments: list[str] | None = None) -> int:
     import mitsuba as mi
 
     mi.set_variant("llvm_ad_rgb")
-    results: dict[str, Any] = {"machine": machine()}
+    results: dict[str, Any] = {}
+    if options.only and folder and (folder / "results.json").exists():
+        results = json.loads((folder / "results.json").read_text("utf-8"))  # the other parts stay as they are
+    results["machine"] = machine()
     for name in parts:
         start = time.perf_counter()
         results[name] = importlib.import_module(name).measure(options.quick)
