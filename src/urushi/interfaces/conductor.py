@@ -39,14 +39,13 @@ class BoundConductor(Interface):
             return 0 * w.x, 0 * w.x
         w, o = self.frame.enter(w), self.frame.enter(o)
         m = halfway(w, o)
-        sigma = self.facets.sigma(w)
-        pdf = self.facets.density(m) * dr.rcp(4 * sigma)
+        visible, masked = self.facets.weigh(w, o, m)
         seen = at_most(w.z, o.z) > HORIZON
         if self.delta is not False:
             seen &= negate(self.delta)
-        pdf = dr.select(seen, pdf, 0)
+        pdf = dr.select(seen, 0.25 * visible, 0)
         fresnel = fresnel_conductor(dr.dot(w, m), self.eta, self.k)
-        return fresnel * (pdf * self.facets.masked(w, o, sigma)), pdf
+        return fresnel * (pdf * masked), pdf
 
     def transmit(self, w: Vector, o: Vector, above: bool, part: Part = "both") -> tuple[Array, Array]:
         return 0 * w.x, 0 * w.x
@@ -58,10 +57,9 @@ class BoundConductor(Interface):
         w = self.frame.enter(w)
         m = self.facets.sample(w, u[1], u[2])
         o = reflect(w, m)
-        sigma = self.facets.sigma(w)
+        visible, masked = self.facets.weigh(w, o, m)
         fresnel = fresnel_conductor(at_most(at_least(dr.dot(w, m), 0), 1), self.eta, self.k)
-        kept = dr.select(o.z > 0, self.facets.masked(w, o, sigma), 0)
-        return Scatter(self.frame.leave(o), fresnel * kept, self.facets.density(m) * dr.rcp(4 * sigma), False)
+        return Scatter(self.frame.leave(o), fresnel * dr.select(o.z > 0, masked, 0), 0.25 * visible, False)
 
     def smooth_energy(self, cos: Array, above: bool) -> tuple[Array, Array]:
         fresnel = fresnel_conductor(cos, self.eta, self.k)

@@ -45,11 +45,10 @@ class BoundDielectric(Interface):
             return 0 * w.x, 0 * w.x
         w, o = self.frame.enter(w), self.frame.enter(o)
         m = halfway(w, o)
-        sigma = self.facets.sigma(w)
-        visible = self.facets.density(m) * dr.rcp(4 * sigma)
-        visible = dr.select(self._rough(at_most(w.z, o.z) > HORIZON), visible, 0)
+        visible, masked = self.facets.weigh(w, o, m)
+        visible = dr.select(self._rough(at_most(w.z, o.z) > HORIZON), 0.25 * visible, 0)
         fresnel, _ = fresnel_dielectric(dr.dot(w, m), self.ratio(above), self.ratio(not above))
-        value = fresnel * visible * self.facets.masked(w, o, sigma)
+        value = fresnel * visible * masked
         return value, visible if part == "reflect" else fresnel * visible
 
     def transmit(self, w: Vector, o: Vector, above: bool, part: Part = "both") -> tuple[Array, Array]:
@@ -62,12 +61,10 @@ class BoundDielectric(Interface):
         m = m * dr.select(m.z < 0, -inv_length, inv_length)
         cos_w, cos_o = dr.dot(w, m), -dr.dot(o, m)
         crossed = self._rough((w.z > 0) & (o.z < 0) & (cos_w > 0) & (cos_o > 0))
-        sigma = self.facets.sigma(w)
-        visible = self.facets.density(m) * cos_w * dr.rcp(sigma) * dr.square(eta * inv_length) * cos_o
-        visible = dr.select(crossed, visible, 0)
+        visible, masked = self.facets.weigh(w, type(o)(o.x, o.y, at_least(-o.z, 0)), m)
+        visible = dr.select(crossed, visible * cos_w * cos_o * dr.square(eta * inv_length), 0)
         fresnel = fresnel_between(dr.select(crossed, cos_w, 1.0), at_least(cos_o, 0), eta)
-        up = type(o)(o.x, o.y, at_least(-o.z, 0))
-        value = (1 - fresnel) * visible * self.facets.masked(w, up, sigma)
+        value = (1 - fresnel) * visible * masked
         return value, visible if part == "transmit" else (1 - fresnel) * visible
 
     def sample(self, w: Vector, u: tuple[Array, Array, Array], above: bool, part: Part = "both") -> Scatter:
@@ -88,13 +85,10 @@ class BoundDielectric(Interface):
             o = refract(w, m, cos_w, cos_t, inv_eta) if through else reflect(w, m)
         if facets is None:
             return Scatter(o, weight, 0 * w.x, through)
-        sigma = facets.sigma(w)
-        up = type(o)(o.x, o.y, dr.abs(o.z))
+        visible, kept = facets.weigh(w, type(o)(o.x, o.y, dr.abs(o.z)), m)
         right = dr.select(through, o.z < 0, o.z > 0)
-        kept = facets.masked(w, up, sigma)
-        reflected = 0.25
         refracted = dr.square(eta) * cos_w * cos_t / at_least(dr.square(cos_w - eta * cos_t), 1e-20)
-        pdf = facets.density(m) * dr.rcp(sigma) * dr.select(through, refracted, reflected)
+        pdf = visible * dr.select(through, refracted, 0.25)
         if part == "both":
             pdf = pdf * dr.select(through, 1 - fresnel, fresnel)
         if self.delta is not False:

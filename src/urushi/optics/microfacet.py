@@ -70,6 +70,17 @@ class Microfacets:
         # (1 + Lambda_w) / (1 + Lambda_w + Lambda_o), times cos_w cos_o above and below.
         return sigma_w * o.z / at_least(dr.fma(sigma_w - w.z, o.z, sigma_o * w.z), 1e-20)
 
+    def weigh(self, w: Vector, o: Vector, m: Vector) -> tuple[Array, Array]:
+        """(D(m) / sigma(w), `masked`): all that an interface needs, for GGX with correlated masking in one division."""
+        sigma_w = self.sigma(w)
+        if not self.ggx or not self.correlated:
+            return self.density(m) / at_least(sigma_w, 1e-20), self.masked(w, o, sigma_w)
+        slope = dr.square(m.x * self.inv_x) + dr.square(m.y * self.inv_y)
+        spread = sigma_w * dr.square(dr.fma(m.z, m.z, slope))
+        joint = at_least(dr.fma(sigma_w - w.z, o.z, self.sigma(o) * w.z), 1e-20)
+        inv = dr.rcp(spread * joint)
+        return self.norm * joint * inv, sigma_w * o.z * spread * inv
+
     def sample(self, w: Vector, u1: Array, u2: Array) -> Vector:
         """A facet normal visible from w, with density D(m) max(0, w.m) / sigma(w) per solid angle."""
         return self._sample_ggx(w, u1, u2) if self.ggx else self._sample_beckmann(w, u1, u2)
