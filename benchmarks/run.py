@@ -67,6 +67,8 @@ def page(results: dict[str, Any]) -> str:
 
     on = ", ".join(f"{key} {value}" for key, value in results["machine"].items())
     lines = [INTRODUCTION, f"Measured on: {on}.", ""]
+    if note := results.get("note"):
+        lines += [note, ""]
     for name in PARTS:
         if name in results:
             part = importlib.import_module(name)
@@ -82,6 +84,7 @@ def main(arguments: list[str] | None = None) -> int:
     parser.add_argument(
         "--only", choices=PARTS, action="append", help="measure this one (again); may be repeated"
     )
+    parser.add_argument("--note", help="a sentence for the page: what a reader should know of this run")
     parser.add_argument("-o", "--output", type=Path, help="folder for README.md and results.json")
     options = parser.parse_args(arguments)
     parts = options.only or PARTS
@@ -98,6 +101,8 @@ def main(arguments: list[str] | None = None) -> int:
     if options.only and folder and (folder / "results.json").exists():
         results = json.loads((folder / "results.json").read_text("utf-8"))  # the other parts stay as they are
     results["machine"] = machine()
+    if options.note:
+        results["note"] = options.note
     for name in parts:
         start = time.perf_counter()
         results[name] = importlib.import_module(name).measure(options.quick)

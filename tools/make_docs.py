@@ -90,6 +90,8 @@ def benchmarks() -> str:
     machine = found["machine"]
     lines.append("")
     lines.append(f"On {machine['processor']}, {machine['threads']} threads, {machine['date']}.")
+    if note := found.get("note"):
+        lines.append(note)
     return "\n".join(lines) + "\n"
 
 
