@@ -25,13 +25,16 @@ from ..interfaces.base import Frame
 from ..media import BoundMedium
 from ..optics.microfacet import Microfacets
 from ..optics.phase import PHASE_FUNCTIONS
-from ..optics.vectors import Array
+from ..optics.vectors import Array, at_least
 
 #: index ratios nearer to 1 than this are index-matched: single precision cannot resolve their refraction
 MATCHED = 1e-4
 
 #: chance to go on after a turn through the stack that met nothing but smooth interfaces, where light may be trapped
 CALM = 1 - 2.0**-6
+
+#: the smallest roughness that is allowed
+SMALLEST = 1e-4
 
 #: mean cosines up to which a phase function counts as flat: nowhere more than 6 times its mean
 FLAT = 0.5
@@ -104,7 +107,13 @@ def bind(stack: Any, values: Mapping[str, Array], fixed: Mapping[str, Any]) -> B
         if layer.kind == "dielectric":
             index, known = values[f"{name}.ior"], fixed.get(f"{name}.ior")
             matched = None not in (known, known_above) and abs(known / known_above - 1) < MATCHED
-            close(Null() if matched else _dielectric(layer, name, values, fixed, above), index, known)
+            close(
+                Null()
+                if matched
+                else _dielectric(layer, name, values, fixed, above, None not in (known, known_above)),
+                index,
+                known,
+            )
         elif layer.kind == "conductor":
             close(_conductor(layer, name, values, fixed, above), above, known_above)
         else:
@@ -126,15 +135,18 @@ def _roughness(
         delta = (x <= 0) & (y <= 0)
     if delta is True:
         return None, True
+    if known is None:  # smooth lanes take the mask, and need numbers that divide
+        x, y = at_least(x, SMALLEST), at_least(y, SMALLEST)
     return Microfacets(x, y, layer.distribution, layer.masking), delta
 
 
 def _dielectric(
-    layer: Any, name: str, values: Mapping[str, Array], fixed: Mapping[str, Any], above: Array
+    layer: Any, name: str, values: Mapping[str, Array], fixed: Mapping[str, Any], above: Array, differs: bool
 ) -> Interface:
+    """A boundary; `differs` where its two indices are known not to be the same on any lane."""
     facets, delta = _roughness(layer, name, values, fixed)
     eta = values[f"{name}.ior"] / above
-    if delta is not True and f"{name}.ior" not in fixed:
+    if delta is not True and not differs:
         matched = dr.abs(eta - 1) < MATCHED
         delta = matched if delta is False else delta | matched
     if delta is True:
