@@ -4,11 +4,14 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
-from typing import Any, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 import drjit as dr
 
 from ..optics.vectors import Array, Vector, rotate
+
+if TYPE_CHECKING:
+    from .given import Given
 
 Part = Literal["both", "reflect", "transmit"]
 
@@ -40,6 +43,11 @@ class Interface(ABC):
     opaque: bool = False
     flat: bool = False
     delta: Any = False
+
+    @classmethod
+    @abstractmethod
+    def bind(cls, given: Given) -> tuple[Interface, Array, float | None]:
+        """The interface of a described layer, and the index below it: as a number, and in Python if it is known."""
 
     @abstractmethod
     def reflect(self, w: Vector, o: Vector, above: bool, part: Part = "both") -> tuple[Array, Array]:

@@ -10,6 +10,7 @@ from ..optics.fresnel import fresnel_conductor
 from ..optics.microfacet import Microfacets
 from ..optics.vectors import Array, Vector, at_least, at_most, halfway, negate, reflect
 from .base import HORIZON, Frame, Interface, Part, Scatter
+from .given import Given
 
 
 class BoundConductor(Interface):
@@ -33,6 +34,12 @@ class BoundConductor(Interface):
         self.facets = facets
         self.delta = delta
         self.frame = frame
+
+    @classmethod
+    def bind(cls, given: Given) -> tuple[Interface, Array, float | None]:
+        facets, delta = given.facets()
+        conductor = cls(given["eta"], given["k"], given.above, facets, delta, given.frame())
+        return conductor, given.above, given.known_above
 
     def reflect(self, w: Vector, o: Vector, above: bool, part: Part = "both") -> tuple[Array, Array]:
         if self.facets is None:

@@ -14,6 +14,11 @@ from ..optics.fresnel import fresnel_between, fresnel_dielectric
 from ..optics.microfacet import Microfacets
 from ..optics.vectors import Array, Vector, at_least, at_most, halfway, negate, reflect, refract
 from .base import HORIZON, Frame, Interface, Part, Scatter
+from .given import Given
+from .null import Null
+
+#: index ratios nearer to 1 than this are index-matched: single precision cannot resolve their refraction
+MATCHED = 1e-4
 
 
 class BoundDielectric(Interface):
@@ -32,6 +37,20 @@ class BoundDielectric(Interface):
         self.facets = facets
         self.delta = delta
         self.frame = frame
+
+    @classmethod
+    def bind(cls, given: Given) -> tuple[Interface, Array, float | None]:
+        ior, known = given["ior"], given.known("ior")
+        certain = known is not None and given.known_above is not None
+        if certain and abs(known / given.known_above - 1) < MATCHED:
+            return Null(), ior, known
+        facets, delta = given.facets()
+        eta = ior / given.above
+        if not certain and delta is not True:
+            matched = dr.abs(eta - 1) < MATCHED
+            delta = matched if delta is False else delta | matched
+            facets = None if delta is True else facets
+        return cls(eta, facets, delta, given.frame()), ior, known
 
     def ratio(self, above: bool) -> Array:
         """Index beyond the boundary over the index on the incident side."""

@@ -6,6 +6,7 @@ import drjit as dr
 
 from ..optics.vectors import Array, Vector, at_least, cosine_hemisphere
 from .base import Interface, Part, Scatter
+from .given import Given
 
 
 class BoundDiffuse(Interface):
@@ -20,6 +21,10 @@ class BoundDiffuse(Interface):
 
     def __init__(self, reflectance: Array) -> None:
         self.reflectance = reflectance
+
+    @classmethod
+    def bind(cls, given: Given) -> tuple[Interface, Array, float | None]:
+        return cls(given["reflectance"]), given.above, given.known_above
 
     def reflect(self, w: Vector, o: Vector, above: bool, part: Part = "both") -> tuple[Array, Array]:
         pdf = at_least(o.z, 0) * dr.inv_pi

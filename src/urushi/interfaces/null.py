@@ -4,12 +4,17 @@ from __future__ import annotations
 
 from ..optics.vectors import Array, Vector
 from .base import Interface, Part, Scatter
+from .given import Given
 
 
 class Null(Interface):
     """The boundary of a medium that nothing covers, or between two media of the same index."""
 
     delta = True
+
+    @classmethod
+    def bind(cls, given: Given) -> tuple[Interface, Array, float | None]:
+        return cls(), given.above, given.known_above
 
     def reflect(self, w: Vector, o: Vector, above: bool, part: Part = "both") -> tuple[Array, Array]:
         return 0 * w.x, 0 * w.x

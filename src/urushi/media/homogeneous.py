@@ -11,7 +11,11 @@ from typing import Any
 
 import drjit as dr
 
+from ..optics.phase import PHASE_FUNCTIONS
 from ..optics.vectors import Array, Vector, at_least, at_most, channels, total
+
+#: mean cosines up to which a phase function counts as flat: nowhere more than 6 times its mean
+FLAT = 0.5
 
 #: the smallest cosine told from 0
 GRAZING = 1e-9
@@ -60,6 +64,16 @@ class BoundMedium:
         self.albedo = albedo
         self.phase = phase
         self.scatters = scatters
+
+    @classmethod
+    def bind(cls, given: Any) -> BoundMedium:
+        """The medium of a described layer (`interfaces.given.Given`)."""
+        explicit = f"{given.name}.depth" in given.values
+        depth = given["depth"] if explicit else given["thickness"] * given["sigma_t"]
+        phase = PHASE_FUNCTIONS[given.layer.phase.kind](**given.phase_parameters())
+        g = given.known("phase.g")
+        phase.flat = phase.flat or (g is not None and abs(g) <= FLAT)
+        return cls(depth, given["albedo"], phase, scatters=not given.is_zero("albedo"))
 
     def transmittance(self, distance: Array, inv_cos: Array) -> Array:
         """What is left after the part `distance` of the thickness, under the cosine 1 / `inv_cos`."""

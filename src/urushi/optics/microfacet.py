@@ -77,7 +77,7 @@ class Microfacets:
             return self.density(m) / at_least(sigma_w, 1e-20), self.masked(w, o, sigma_w)
         slope = dr.square(m.x * self.inv_x) + dr.square(m.y * self.inv_y)
         spread = sigma_w * dr.square(dr.fma(m.z, m.z, slope))
-        joint = dr.fma(sigma_w - w.z, o.z, self.sigma(o) * w.z)
+        joint = at_least(dr.fma(sigma_w - w.z, o.z, self.sigma(o) * w.z), 1e-20)
         inv = dr.rcp(at_least(spread * joint, 1e-30))
         return self.norm * joint * inv, sigma_w * o.z * spread * inv
 

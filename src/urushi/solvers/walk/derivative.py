@@ -19,6 +19,7 @@ import drjit as dr
 
 from ...interfaces import Interface, Scatter
 from ...interfaces.base import Part
+from ...interfaces.given import Given
 from ...media import inverse_cosine
 from ...media.homogeneous import Flight
 from ...optics.vectors import Array, Vector
@@ -100,6 +101,10 @@ class LiveInterface(Interface):
     def __init__(self, live: Interface, still: Interface) -> None:
         self.live, self.still = live, still
         self.opaque, self.flat, self.delta = live.opaque, live.flat, still.delta
+
+    @classmethod
+    def bind(cls, given: Given) -> tuple[Interface, Array, float | None]:
+        raise TypeError("a live interface is made of two bound ones: see bind_live")
 
     def reflect(self, w: Vector, o: Vector, above: bool, part: Part = "both") -> tuple[Array, Array]:
         value, pdf = self.live.reflect(w, o, above, part)

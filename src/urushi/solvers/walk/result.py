@@ -180,7 +180,7 @@ class WalkBSDF(BSDF):
         counts = np.full(blocks, BLOCK, dtype=np.float64)
         counts[-1] = self.samples - BLOCK * (blocks - 1)
         share = counts / self.samples
-        results: list[list[np.ndarray]] = []
+        results: list[np.ndarray] = []  # filled piece by piece: a large batch must not be there twice
 
         def run(core: WalkCore, lanes: tuple[Any, ...], block: Any) -> tuple[Any, ...]:
             first = block * BLOCK
@@ -195,19 +195,19 @@ class WalkBSDF(BSDF):
             out = self._launch(run, inputs, start, stop, blocks)
             mean, square = (_joined(x, share) for x in out[:2])
             error = np.sqrt(np.maximum(square - np.square(mean), 0) / max(self.samples - 1, 1))
-            results.append([mean, error, *(x[:, 0] for x in out[moments:])])
-        return [np.concatenate(parts) for parts in zip(*results, strict=True)]
+            _fill(results, [mean, error, *(x[:, 0] for x in out[moments:])], n, start)
+        return results
 
     def _map(self, launch: Any, inputs: tuple[np.ndarray, ...]) -> list[np.ndarray]:
         """Run `launch` once for every row."""
         n = len(inputs[0])
-        parts = []
+        results: list[np.ndarray] = []
         for start in range(0, n, LANES):
             out = self._launch(
                 lambda core, lanes, _: launch(core, lanes), inputs, start, min(start + LANES, n), 1
             )
-            parts.append([x[:, 0] for x in out])
-        return [np.concatenate(part) for part in zip(*parts, strict=True)]
+            _fill(results, [x[:, 0] for x in out], n, start)
+        return results
 
     def _launch(
         self, run: Any, inputs: tuple[np.ndarray, ...], start: int, stop: int, blocks: int
@@ -291,6 +291,14 @@ class WalkBSDF(BSDF):
             raise UrushiError(
                 f"wi: found {rows} rows; allowed: {self.lanes}, as many as the parameters have values"
             )
+
+
+def _fill(results: list[np.ndarray], parts: list[np.ndarray], rows: int, start: int) -> None:
+    """Put a piece of every result into its place; the first piece makes the places."""
+    if not results:
+        results += [np.empty((rows, *part.shape[1:])) for part in parts]
+    for whole, part in zip(results, parts, strict=True):
+        whole[start : start + len(part)] = part
 
 
 def _joined(blocks: np.ndarray, share: np.ndarray) -> np.ndarray:
