@@ -11,6 +11,7 @@ from typing import Any
 
 import drjit as dr
 
+from ..optics.exponential import decay, minus_log
 from ..optics.phase import PHASE_FUNCTIONS
 from ..optics.vectors import Array, Vector, at_least, at_most, channels, total
 
@@ -58,6 +59,9 @@ class BoundMedium:
         scatters: False where the albedo is known to be 0 everywhere, which spares the work.
     """
 
+    #: exp(-x); whoever wants derivatives puts Dr.Jit's own in its place
+    decay: Any = staticmethod(decay)
+
     def __init__(self, depth: Array, albedo: Array, phase: Any, scatters: bool = True) -> None:
         self.depth = depth
         self.inv_depth = 1 / at_least(depth, 1e-20)
@@ -77,7 +81,7 @@ class BoundMedium:
 
     def transmittance(self, distance: Array, inv_cos: Array) -> Array:
         """What is left after the part `distance` of the thickness, under the cosine 1 / `inv_cos`."""
-        return dr.exp(-self.depth * (distance * inv_cos))
+        return self.decay(self.depth * (distance * inv_cos))
 
     def fly(self, t: Array, w: Vector, throughput: Array, u1: Array, u2: Array, u3: Array) -> Flight:
         """Choose between crossing to the boundary ahead and a collision on the way.
@@ -96,7 +100,7 @@ class BoundMedium:
         ahead = dr.select(down, 1 - t, t)
         cos = at_least(dr.abs(w.z), GRAZING)
         depth = self.depth * (ahead * dr.rcp(cos))
-        passed = dr.exp(-depth)
+        passed = self.decay(depth)
         lost = _one_minus_exp(depth, passed)
         hit = self.albedo * lost
         grey = not channels(depth) and not channels(hit)
@@ -120,7 +124,7 @@ class BoundMedium:
                 below = below + chances[c]
             distance = _invert(chosen, lost_there, u2, inv * cos, ahead)
             # Densities along the flight: each channel's own exponential, truncated at the boundary.
-            density = depth * dr.exp(-depth * (distance / at_least(ahead, 1e-30)))
+            density = depth * self.decay(depth * (distance / at_least(ahead, 1e-30)))
             mixture = total(chances * density / at_least(lost, 1e-30))
             # Where nothing can collide that is still there, neither can anything else.
             scattered = dr.select(mixture > 1e-30, self.albedo * density / at_least(mixture, 1e-30), 0)
@@ -147,5 +151,5 @@ def _invert(depth: Array, lost: Array, u: Array, scale: Array, ahead: Array) -> 
         depth: optical depth of the flight; lost: 1 - exp(-depth).
         scale: distance of optical depth 1.
     """
-    exact = -dr.log(at_least(1 - u * lost, 1e-30)) * scale
+    exact = minus_log(at_least(1 - u * lost, 1e-30)) * scale
     return dr.select(depth < 1e-2, ahead * u * (1 - 0.5 * depth * (1 - u)), at_most(exact, ahead))

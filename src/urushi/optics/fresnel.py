@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import drjit as dr
 
-from .vectors import Array, at_least, root
+from .vectors import Array, at_least, quick_root, root
 
 
 def fresnel_dielectric(cos_i: Array, eta: Array, inv_eta: Array) -> tuple[Array, Array]:
@@ -48,15 +48,15 @@ def fresnel_conductor(cos_i: Array, eta: Array, k: Array) -> Array:
     """
     cos2 = dr.square(cos_i)
     sin2 = 1 - cos2
-    # z = (eta - i k)^2 - sin^2 and its root a - i b (Born & Wolf). The larger of a and b is `root`; where that is b,
-    # a = eta k / b, and everything is multiplied by `root` instead of divided.
+    # z = (eta - i k)^2 - sin^2 and its root a - i b (Born & Wolf). The larger of a and b is `larger`; where that is b,
+    # a = eta k / b, and everything is multiplied by it instead of divided.
     difference = dr.fma(eta - k, eta + k, -sin2)
     product = eta * k
-    modulus = dr.sqrt(dr.fma(difference, difference, at_least(dr.square(2 * product), 1e-20)))
+    modulus = quick_root(dr.fma(difference, difference, at_least(dr.square(2 * product), 1e-20)))
     square = 0.5 * (modulus + dr.abs(difference))
-    root = dr.sqrt(square)
+    larger = quick_root(square)
     cross = 2 * cos_i * dr.select(difference > 0, square, product)
-    s_sum = (modulus + cos2) * root
-    p_sum = dr.fma(modulus, cos2, dr.square(sin2)) * root
+    s_sum = (modulus + cos2) * larger
+    p_sum = dr.fma(modulus, cos2, dr.square(sin2)) * larger
     # (R_s + R_p) / 2 with R_p = R_s (p_sum - cross sin2) / (p_sum + cross sin2).
     return at_least(s_sum - cross, 0) * p_sum / ((s_sum + cross) * dr.fma(cross, sin2, p_sum))

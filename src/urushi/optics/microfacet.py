@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import drjit as dr
 
-from .vectors import Array, Vector, at_least, at_most, azimuth, root
+from .vectors import Array, Vector, at_least, at_most, azimuth, quick_root, root
 
 
 class Microfacets:
@@ -48,7 +48,7 @@ class Microfacets:
         """Projected area of the microsurface seen from w, over that of the surface."""
         stretch = dr.square(self.alpha_x * w.x) + dr.square(self.alpha_y * w.y)
         if self.ggx:
-            return 0.5 * (w.z + dr.sqrt(dr.fma(w.z, w.z, stretch)))
+            return 0.5 * (w.z + quick_root(dr.fma(w.z, w.z, stretch)))
         spread = at_least(dr.sqrt(stretch), 1e-20)
         a = w.z / spread
         return 0.5 * (w.z * (1 + dr.erf(a)) + spread * dr.exp(-dr.square(a)) * dr.inv_sqrt_pi)

@@ -30,6 +30,12 @@ def root(value: Array) -> Array:
     return dr.sqrt(at_least(value, 0))
 
 
+def quick_root(value: Array) -> Array:
+    """The square root of what is not negative, 1e-15 for 0: by the reciprocal root, which costs a vector unit half."""
+    value = at_least(value, 1e-30)
+    return value * dr.rsqrt(value)
+
+
 def mirror(w: Vector) -> Vector:
     """The direction seen in the plane of the surface: z changes sign."""
     return type(w)(w.x, w.y, -w.z)
@@ -72,14 +78,15 @@ def azimuth(u: Array) -> tuple[Array, Array]:
     if isinstance(u, float) or dr.type_v(u) != dr.VarType.Float32:
         return dr.sincos(2 * dr.pi * x)
     y = dr.square(x)
-    return x * _polynomial(y, _SIN), _polynomial(y, _COS)
+    return x * polynomial(y, _SIN), polynomial(y, _COS)
 
 
 _SIN = (6.2831853, -41.3417004, 81.6051314, -76.7030154, 42.025927, -14.8998467, 3.23813751)
 _COS = (0.999999989, -19.7392045, 64.9391175, -85.4501395, 60.167631, -25.9675992, 6.52865816)
 
 
-def _polynomial(y: Array, coefficients: tuple[float, ...]) -> Array:
+def polynomial(y: Array, coefficients: tuple[float, ...]) -> Array:
+    """c0 + c1 y + c2 y^2 + ... (Horner)."""
     value = coefficients[-1] + 0 * y
     for c in reversed(coefficients[:-1]):
         value = dr.fma(value, y, c)

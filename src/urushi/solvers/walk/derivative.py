@@ -167,6 +167,7 @@ class LiveMedium:
     """A medium whose weights are live and whose sampling stands still."""
 
     def __init__(self, live: Any, still: Any) -> None:
+        live.decay = lambda x: dr.exp(-x)
         self.live, self.still = live, still
         self.depth, self.albedo, self.scatters = live.depth, live.albedo, live.scatters
         self.phase = LivePhase(live.phase, still.phase)
