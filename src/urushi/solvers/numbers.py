@@ -64,6 +64,7 @@ def gather_numbers(
         UnsupportedStack: a texture that nothing was given for.
     """
     given = dict(given or {})
+    stack = _spelt_out(stack, given)
     known = described(stack)
     for name in given:
         if name not in known:
@@ -102,6 +103,17 @@ def gather_numbers(
             colour = isinstance(value, tuple) and len(value) == 3
         coloured = coloured or colour
     return Numbers(values, fixed, lanes, coloured)
+
+
+def _spelt_out(stack: Stack, given: Mapping[str, Any]) -> Stack:
+    """The stack with numbers for the metals given by name whose index the caller sets."""
+    changes: dict[str, Any] = {}
+    for i, layer in enumerate(stack.layers):
+        name = f"layer_{i}"
+        if getattr(layer, "material", None) is not None and {f"{name}.eta", f"{name}.k"} & set(given):
+            eta, k = conductor_rgb(layer.material)  # type: ignore[attr-defined]
+            changes |= {f"{name}.material": None, f"{name}.eta": eta, f"{name}.k": k}
+    return stack.replace(changes) if changes else stack
 
 
 def _types(module: Any, double: bool) -> tuple[Any, Any]:

@@ -184,7 +184,9 @@ class WalkBSDF(BSDF):
 
         def run(core: WalkCore, lanes: tuple[Any, ...], block: Any) -> tuple[Any, ...]:
             first = block * BLOCK
-            count: Any = self.samples if blocks == 1 else dr.minimum(self.samples - first, BLOCK)
+            # One sample is a program of its own; any other number of them is a number in one program.
+            count: Any = self.samples if self.samples == 1 else self._uint(self.samples)
+            count = count if blocks == 1 else dr.minimum(count - first, BLOCK)
             if self._module.__name__ == "drjit.scalar" and blocks > 1:
                 count = int(count)
             return launch(core, lanes, first, count)
