@@ -71,15 +71,13 @@ class Microfacets:
         return sigma_w * o.z / at_least(dr.fma(sigma_w - w.z, o.z, sigma_o * w.z), 1e-20)
 
     def weigh(self, w: Vector, o: Vector, m: Vector) -> tuple[Array, Array]:
-        """(D(m) / sigma(w), `masked`): all that an interface needs, for GGX with correlated masking in one division."""
+        """(D(m) / sigma(w), `masked`): all that an interface needs; finite for o on the other side, too."""
         sigma_w = self.sigma(w)
-        if not self.ggx or not self.correlated:
-            return self.density(m) / at_least(sigma_w, 1e-20), self.masked(w, o, sigma_w)
+        masked = self.masked(w, o, sigma_w)
+        if not self.ggx:
+            return self.density(m) / at_least(sigma_w, 1e-20), masked
         slope = dr.square(m.x * self.inv_x) + dr.square(m.y * self.inv_y)
-        spread = sigma_w * dr.square(dr.fma(m.z, m.z, slope))
-        joint = at_least(dr.fma(sigma_w - w.z, o.z, self.sigma(o) * w.z), 1e-20)
-        inv = dr.rcp(at_least(spread * joint, 1e-30))
-        return self.norm * joint * inv, sigma_w * o.z * spread * inv
+        return self.norm / at_least(sigma_w * dr.square(dr.fma(m.z, m.z, slope)), 1e-30), masked
 
     def sample(self, w: Vector, u1: Array, u2: Array) -> Vector:
         """A facet normal visible from w, with density D(m) max(0, w.m) / sigma(w) per solid angle."""

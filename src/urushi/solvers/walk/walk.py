@@ -32,7 +32,7 @@ from .exit import DELTA, Exit, flux_back, sample_exit
 State = dict[str, Any]
 
 #: throughput below which the roulette begins: a tail is short, and the lanes of a vector wait for one another anyway
-ROULETTE = 0.4
+ROULETTE = 0.37
 #: the same where a medium scatters: there every flight counts all collisions on its way, so paths may end sooner
 ROULETTE_SCATTERING = 0.7
 
@@ -73,7 +73,7 @@ def estimate(
             _advance(stack, s, wo, way_out, region, down=True)
         for region in reversed(stack.regions):
             _advance(stack, s, wo, way_out, region, down=False)
-        _roulette(s, wi, threshold, max_depth)
+        _roulette(s, wi, threshold, max_depth, stack.still is not None)
         if s["turn"] is not None:
             s["turn"] = s["turn"] + 1
             s["throughput"] = dr.select(s["turn"] < MOST_SWEEPS, s["throughput"], 0)
@@ -313,13 +313,19 @@ def _roulette_threshold(stack: BoundStack) -> float:
     return ROULETTE_SCATTERING if scatters else ROULETTE
 
 
-def _roulette(s: State, like: Vector, threshold: float, max_depth: int | None) -> None:
+def _roulette(s: State, like: Vector, threshold: float, max_depth: int | None, live: bool) -> None:
     """End paths that carry little, in proportion; the rest carry more."""
-    survival = at_most(peak(dr.detach(s["throughput"])) * (1 / threshold), 1)
-    if s["calm"] is not None:
-        survival = dr.select(s["calm"], at_most(survival, CALM), survival)
-        s["calm"] = None
-    alive = uniform(s["rng"], like) < survival
+    u = uniform(s["rng"], like)
+    carried = peak(dr.detach(s["throughput"]))
+    if s["calm"] is None and not live and not channels(s["throughput"]):
+        # survival = carried / threshold, without its division: who survives carries the threshold at least
+        alive, after = u * threshold < carried, at_least(s["throughput"], threshold)
+    else:
+        survival = at_most(carried * (1 / threshold), 1)
+        if s["calm"] is not None:
+            survival = dr.select(s["calm"], at_most(survival, CALM), survival)
+            s["calm"] = None
+        alive, after = u < survival, s["throughput"] * dr.rcp(at_least(survival, 1e-30))
     if max_depth is not None:
         alive = alive & (s["depth"] < max_depth)
-    s["throughput"] = dr.select(alive, s["throughput"] * dr.rcp(at_least(survival, 1e-30)), 0)
+    s["throughput"] = dr.select(alive, after, 0)
