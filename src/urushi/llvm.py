@@ -116,6 +116,9 @@ def _chosen(path: Path) -> LLVM:
     # A bare file name is legitimate too: the dynamic loader then searches its own folders.
     if path.parent != Path(".") and not path.is_file():
         raise UrushiError(f"{VARIABLE} names {path}, and there is no such file. {HOW}")
+    for library in _from_wheel():
+        if path == library.path:
+            return library  # chosen by an earlier call, or by a parent process
     version = _version(path)
     if version and version[0] < OLDEST:
         raise UrushiError(
