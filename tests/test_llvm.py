@@ -20,7 +20,8 @@ needs_wheel = pytest.mark.skipif(WHEEL is None, reason="the wheel does not exist
 needs_old = pytest.mark.skipif(OLD is None, reason="this system has no LLVM that is too old")
 
 # Importing the package chooses an LLVM already: the choice is undone where another one is to be seen.
-HIDE_WHEEL = "import os; from urushi import llvm; os.environ.pop(llvm.VARIABLE, None); llvm._from_wheel = lambda: iter(());"
+UNDO = "import os; from urushi import llvm; os.environ.pop(llvm.VARIABLE, None);"
+HIDE_WHEEL = UNDO + "llvm._from_wheel = lambda: iter(());"
 HIDE_ALL = HIDE_WHEEL + "llvm._candidates = lambda: iter(());"
 TRY = """
 from urushi import llvm
