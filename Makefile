@@ -46,6 +46,7 @@ test-all: setup
 bench: setup
 	$(BIN)/python benchmarks/run.py
 	$(BIN)/python tools/make_docs.py
+	$(BIN)/python tools/make_docs.py
 
 docs: setup
 	$(BIN)/python tools/make_docs.py --check
