@@ -195,6 +195,7 @@ def test_check_describes_and_reports(run, monkeypatch):
         (["nope.yaml"], "nope.yaml"),
         (["preset:nope"], "there are:"),
         (["varnish.yaml", "--spp", "0"], "--spp is 0"),
+        (["varnish.yaml", "--method", "wlak"], "--method is 'wlak'"),
         (["varnish.yaml", "--seed", "-1"], "--seed is -1"),
         (["varnish.yaml", "--size", "12x0"], "--size is '12x0'"),
         (["varnish.yaml", "--size", "wide"], "--size is 'wide'"),

@@ -296,3 +296,9 @@ def test_unknown_methods() -> None:
         ur.solve(PANE, "adding")
     with pytest.raises(MaterialError):
         ur.solve("preset:no such thing", "walk")
+
+
+def test_an_unknown_option_is_refused_by_name() -> None:
+    """A misspelt option is no TypeError from within: it names the option and what is allowed."""
+    with pytest.raises(ur.UrushiError, match=r"sampels.*did you mean 'samples'"):
+        ur.solve(ur.load("preset:plastic"), sampels=3)

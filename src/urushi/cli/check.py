@@ -18,6 +18,7 @@ def command(
     ),
 ) -> None:
     """Describe a material and check it: energy, reciprocity, normalisation and the rest."""
+    common.known_method(method)
     stack = common.load(material)
     typer.echo(stack.describe())
     llvm.ensure()

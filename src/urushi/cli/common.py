@@ -75,3 +75,11 @@ def writable(path: Path, suffixes: tuple[str, ...]) -> Path:
     if not os.access(path.parent, os.W_OK):
         raise WrongUsage(f"cannot write to the folder {str(path.parent)!r}")
     return path.with_suffix(path.suffix.lower())
+
+
+def known_method(method: str) -> None:
+    """Refuse a name that is no method; one of a later version is refused where the stack is solved."""
+    from urushi.solvers import PLANNED, SOLVERS
+
+    if method not in (*SOLVERS, "auto", *PLANNED):
+        raise WrongUsage(f"--method is {method!r}; allowed: {', '.join([*SOLVERS, 'auto'])}")

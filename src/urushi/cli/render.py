@@ -21,9 +21,7 @@ def command(
     output: Path | None = typer.Option(
         None, "-o", "--output", help="A .png (tone-mapped) or .exr (linear) file; else out/NAME.png."
     ),
-    method: str = typer.Option(
-        "walk", "--method", "-m", help="How the stack is solved: walk, adding or lobes."
-    ),
+    method: str = typer.Option("walk", "--method", "-m", help="How the stack is solved: walk, or auto."),
     scene: Path | None = typer.Option(None, help="A Mitsuba scene file; else the built-in scene."),
     name: str | None = typer.Option(
         None, "--material", help="With --scene: the id of the BSDF that the material replaces."
@@ -44,6 +42,7 @@ def command(
     start = time.perf_counter()
     if spp is not None and spp < 1:
         raise WrongUsage(f"--spp is {spp}; allowed: 1 or more")
+    common.known_method(method)
     if samples is not None and (samples < 1 or method != "walk"):
         raise WrongUsage(
             f"--samples is {samples} with --method {method}; allowed: 1 or more, with --method walk"

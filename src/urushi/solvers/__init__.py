@@ -21,7 +21,7 @@ from urushi.stack import Stack
 
 from .bsdf import BSDF, Sample
 
-#: method -> module with `solve(stack, **options)` and `reasons_against(stack)`
+#: method -> module with `solve(stack, **options)`, the names of those `OPTIONS`, and `reasons_against(stack)`
 SOLVERS = {"walk": "urushi.solvers.walk"}
 
 #: methods that the names of this package already speak of, and that come in later versions
@@ -62,7 +62,19 @@ def solve(stack: Stack | str | os.PathLike[str], method: str = "auto", **options
         near = difflib.get_close_matches(str(method), [*SOLVERS, "auto"], n=1)
         hint = f"; did you mean {near[0]!r}?" if near else ""
         raise UrushiError(f"method: found {method!r}; allowed: {', '.join([*SOLVERS, 'auto'])}{hint}")
+    _check_options(method, options)
     return _module(method).solve(stack, **options)
+
+
+def _check_options(method: str, options: dict[str, Any]) -> None:
+    allowed = _module(method).OPTIONS
+    for name in options:
+        if name not in allowed:
+            near = difflib.get_close_matches(name, allowed, n=1)
+            hint = f"; did you mean {near[0]!r}?" if near else ""
+            raise UrushiError(
+                f"unknown option {name!r} of method {method!r}; allowed: {', '.join(allowed)}{hint}"
+            )
 
 
 def _module(method: str) -> Any:

@@ -20,6 +20,9 @@ from urushi import llvm
 from urushi.errors import UnsupportedStack
 from urushi.stack import Stack
 
+#: what `solve` takes besides the stack
+OPTIONS = ("samples", "seed", "max_depth", "parameters", "backend", "precision", "mode")
+
 
 def reasons_against(stack: Stack) -> list[str]:
     """What of this stack the walk cannot do; empty if it can."""
