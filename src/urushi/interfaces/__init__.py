@@ -10,9 +10,13 @@ Every interface offers (`Interface` spells it out):
     delta      True when smooth, False when rough, or a mask where it varies from lane to lane
     opaque     True when nothing is transmitted
     flat       True when sampling it never finds what a connection would miss (diffuse)
-    reflect    (w, o, above)       -> (flux density, density of sampling o with the reflection chosen)
-    transmit   (w, o, above)       -> likewise
-    sample     (w, u, above, part) -> Scatter; part = "both" | "reflect" | "transmit"
+    stochastic True when a flux density is itself an estimate, which needs a generator `rng`
+    reflect    (w, o, above, part, rng)    -> (flux density, density of sampling o with the reflection chosen)
+    transmit   (w, o, above, part, rng)    -> likewise
+    sample     (w, u, above, part, rng)    -> Scatter; part = "both" | "reflect" | "transmit"
+
+The density of a stochastic interface is a stand-in: positive wherever the flux density is, one where both are summed
+over all directions, good for the weights of multiple importance sampling and for nothing else.
 
 A new interface is one file with such a class and one line in `INTERFACES`.
 """
@@ -27,11 +31,26 @@ from .dielectric import BoundDielectric
 from .diffuse import BoundDiffuse
 from .null import Null
 
-#: the class that binds the numbers of each described interface
-INTERFACES: dict[str, Any] = {
-    "dielectric": BoundDielectric,
-    "conductor": BoundConductor,
-    "diffuse": BoundDiffuse,
+#: the class that binds the numbers of each described interface, by its kind and its `multiple_scattering`
+INTERFACES: dict[tuple[str, Any], Any] = {
+    ("dielectric", False): BoundDielectric,
+    ("conductor", False): BoundConductor,
+    ("diffuse", False): BoundDiffuse,
 }
 
-__all__ = ["INTERFACES", "BoundConductor", "BoundDielectric", "BoundDiffuse", "Interface", "Null", "Scatter"]
+
+def key(layer: Any) -> tuple[str, Any]:
+    """Where `INTERFACES` has the class of a described interface."""
+    return layer.kind, getattr(layer, "multiple_scattering", False)
+
+
+__all__ = [
+    "INTERFACES",
+    "BoundConductor",
+    "BoundDielectric",
+    "BoundDiffuse",
+    "Interface",
+    "Null",
+    "Scatter",
+    "key",
+]

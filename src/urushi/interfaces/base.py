@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any, Literal
 
 import drjit as dr
 
+from ..optics.random import Generator
 from ..optics.vectors import Array, Vector, rotate
 
 if TYPE_CHECKING:
@@ -43,6 +44,7 @@ class Interface(ABC):
     opaque: bool = False
     flat: bool = False
     delta: Any = False
+    stochastic: bool = False
 
     @classmethod
     @abstractmethod
@@ -50,15 +52,26 @@ class Interface(ABC):
         """The interface of a described layer, and the index below it: as a number, and in Python if it is known."""
 
     @abstractmethod
-    def reflect(self, w: Vector, o: Vector, above: bool, part: Part = "both") -> tuple[Array, Array]:
+    def reflect(
+        self, w: Vector, o: Vector, above: bool, part: Part = "both", rng: Generator | None = None
+    ) -> tuple[Array, Array]:
         """Flux density of reflection from w to o (both z > 0), and the density of sampling o with `part` allowed."""
 
     @abstractmethod
-    def transmit(self, w: Vector, o: Vector, above: bool, part: Part = "both") -> tuple[Array, Array]:
+    def transmit(
+        self, w: Vector, o: Vector, above: bool, part: Part = "both", rng: Generator | None = None
+    ) -> tuple[Array, Array]:
         """Flux density of transmission from w (z > 0) to o (z < 0), and the density of sampling o."""
 
     @abstractmethod
-    def sample(self, w: Vector, u: tuple[Array, Array, Array], above: bool, part: Part = "both") -> Scatter:
+    def sample(
+        self,
+        w: Vector,
+        u: tuple[Array, Array, Array],
+        above: bool,
+        part: Part = "both",
+        rng: Generator | None = None,
+    ) -> Scatter:
         """Sample an outgoing direction; `u` are three numbers in [0, 1), the first chooses what happens."""
 
     def roughness(self) -> tuple[Array, Array]:

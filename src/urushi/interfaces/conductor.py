@@ -8,6 +8,7 @@ import drjit as dr
 
 from ..optics.fresnel import fresnel_conductor
 from ..optics.microfacet import Microfacets
+from ..optics.random import Generator
 from ..optics.vectors import Array, Vector, at_least, at_most, halfway, negate, reflect
 from .base import HORIZON, Frame, Interface, Part, Scatter
 from .given import Given
@@ -41,7 +42,9 @@ class BoundConductor(Interface):
         conductor = cls(given["eta"], given["k"], given.above, facets, delta, given.frame())
         return conductor, given.above, given.known_above
 
-    def reflect(self, w: Vector, o: Vector, above: bool, part: Part = "both") -> tuple[Array, Array]:
+    def reflect(
+        self, w: Vector, o: Vector, above: bool, part: Part = "both", rng: Generator | None = None
+    ) -> tuple[Array, Array]:
         if self.facets is None:
             return 0 * w.x, 0 * w.x
         w, o = self.frame.enter(w), self.frame.enter(o)
@@ -54,10 +57,19 @@ class BoundConductor(Interface):
         fresnel = fresnel_conductor(dr.dot(w, m), self.eta, self.k)
         return fresnel * (pdf * masked), pdf
 
-    def transmit(self, w: Vector, o: Vector, above: bool, part: Part = "both") -> tuple[Array, Array]:
+    def transmit(
+        self, w: Vector, o: Vector, above: bool, part: Part = "both", rng: Generator | None = None
+    ) -> tuple[Array, Array]:
         return 0 * w.x, 0 * w.x
 
-    def sample(self, w: Vector, u: tuple[Array, Array, Array], above: bool, part: Part = "both") -> Scatter:
+    def sample(
+        self,
+        w: Vector,
+        u: tuple[Array, Array, Array],
+        above: bool,
+        part: Part = "both",
+        rng: Generator | None = None,
+    ) -> Scatter:
         if self.facets is None:
             o = type(w)(-w.x, -w.y, w.z)
             return Scatter(o, fresnel_conductor(w.z, self.eta, self.k), 0 * w.x, False)

@@ -12,6 +12,7 @@ import drjit as dr
 
 from ..optics.fresnel import fresnel_between, fresnel_dielectric
 from ..optics.microfacet import Microfacets
+from ..optics.random import Generator
 from ..optics.vectors import Array, Vector, at_least, at_most, halfway, negate, reflect, refract
 from .base import HORIZON, Frame, Interface, Part, Scatter
 from .given import Given
@@ -59,7 +60,9 @@ class BoundDielectric(Interface):
     def _rough(self, mask: Any) -> Any:
         return mask if self.delta is False else mask & negate(self.delta)
 
-    def reflect(self, w: Vector, o: Vector, above: bool, part: Part = "both") -> tuple[Array, Array]:
+    def reflect(
+        self, w: Vector, o: Vector, above: bool, part: Part = "both", rng: Generator | None = None
+    ) -> tuple[Array, Array]:
         if self.facets is None:
             return 0 * w.x, 0 * w.x
         w, o = self.frame.enter(w), self.frame.enter(o)
@@ -70,7 +73,9 @@ class BoundDielectric(Interface):
         value = fresnel * visible * masked
         return value, visible if part == "reflect" else fresnel * visible
 
-    def transmit(self, w: Vector, o: Vector, above: bool, part: Part = "both") -> tuple[Array, Array]:
+    def transmit(
+        self, w: Vector, o: Vector, above: bool, part: Part = "both", rng: Generator | None = None
+    ) -> tuple[Array, Array]:
         if self.facets is None:
             return 0 * w.x, 0 * w.x
         w, o, eta = self.frame.enter(w), self.frame.enter(o), self.ratio(above)
@@ -86,7 +91,14 @@ class BoundDielectric(Interface):
         value = (1 - fresnel) * visible * masked
         return value, visible if part == "transmit" else (1 - fresnel) * visible
 
-    def sample(self, w: Vector, u: tuple[Array, Array, Array], above: bool, part: Part = "both") -> Scatter:
+    def sample(
+        self,
+        w: Vector,
+        u: tuple[Array, Array, Array],
+        above: bool,
+        part: Part = "both",
+        rng: Generator | None = None,
+    ) -> Scatter:
         w, facets = self.frame.enter(w), self.facets
         eta, inv_eta = self.ratio(above), self.ratio(not above)
         m = type(w)(0, 0, 1) if facets is None else facets.sample(w, u[1], u[2])

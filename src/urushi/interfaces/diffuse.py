@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import drjit as dr
 
+from ..optics.random import Generator
 from ..optics.vectors import Array, Vector, at_least, cosine_hemisphere
 from .base import Interface, Part, Scatter
 from .given import Given
@@ -26,14 +27,25 @@ class BoundDiffuse(Interface):
     def bind(cls, given: Given) -> tuple[Interface, Array, float | None]:
         return cls(given["reflectance"]), given.above, given.known_above
 
-    def reflect(self, w: Vector, o: Vector, above: bool, part: Part = "both") -> tuple[Array, Array]:
+    def reflect(
+        self, w: Vector, o: Vector, above: bool, part: Part = "both", rng: Generator | None = None
+    ) -> tuple[Array, Array]:
         pdf = at_least(o.z, 0) * dr.inv_pi
         return self.reflectance * pdf, pdf
 
-    def transmit(self, w: Vector, o: Vector, above: bool, part: Part = "both") -> tuple[Array, Array]:
+    def transmit(
+        self, w: Vector, o: Vector, above: bool, part: Part = "both", rng: Generator | None = None
+    ) -> tuple[Array, Array]:
         return 0 * w.x, 0 * w.x
 
-    def sample(self, w: Vector, u: tuple[Array, Array, Array], above: bool, part: Part = "both") -> Scatter:
+    def sample(
+        self,
+        w: Vector,
+        u: tuple[Array, Array, Array],
+        above: bool,
+        part: Part = "both",
+        rng: Generator | None = None,
+    ) -> Scatter:
         o = cosine_hemisphere(u[1], u[2], w)
         return Scatter(o, self.reflectance + 0 * w.x, o.z * dr.inv_pi, False)
 

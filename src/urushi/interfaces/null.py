@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from ..optics.random import Generator
 from ..optics.vectors import Array, Vector
 from .base import Interface, Part, Scatter
 from .given import Given
@@ -16,13 +17,24 @@ class Null(Interface):
     def bind(cls, given: Given) -> tuple[Interface, Array, float | None]:
         return cls(), given.above, given.known_above
 
-    def reflect(self, w: Vector, o: Vector, above: bool, part: Part = "both") -> tuple[Array, Array]:
+    def reflect(
+        self, w: Vector, o: Vector, above: bool, part: Part = "both", rng: Generator | None = None
+    ) -> tuple[Array, Array]:
         return 0 * w.x, 0 * w.x
 
-    def transmit(self, w: Vector, o: Vector, above: bool, part: Part = "both") -> tuple[Array, Array]:
+    def transmit(
+        self, w: Vector, o: Vector, above: bool, part: Part = "both", rng: Generator | None = None
+    ) -> tuple[Array, Array]:
         return 0 * w.x, 0 * w.x
 
-    def sample(self, w: Vector, u: tuple[Array, Array, Array], above: bool, part: Part = "both") -> Scatter:
+    def sample(
+        self,
+        w: Vector,
+        u: tuple[Array, Array, Array],
+        above: bool,
+        part: Part = "both",
+        rng: Generator | None = None,
+    ) -> Scatter:
         weight = 0 * w.x if part == "reflect" else 1 + 0 * w.x
         through = part != "reflect"
         o = -w if through else type(w)(-w.x, -w.y, w.z)

@@ -18,7 +18,7 @@ from dataclasses import dataclass
 from itertools import pairwise
 from typing import Any
 
-from ..interfaces import INTERFACES, Interface, Null
+from ..interfaces import INTERFACES, Interface, Null, key
 from ..interfaces.given import Given
 from ..media import MEDIA, BoundMedium
 from ..optics.vectors import Array
@@ -84,7 +84,7 @@ def bind(stack: Any, values: Mapping[str, Array], fixed: Mapping[str, Any]) -> B
     for i, layer in enumerate(stack.layers):
         given = Given(layer, f"layer_{i}", values, fixed, indices[-1], known_index[-1])
         if layer.kind not in MEDIA:
-            close(*INTERFACES[layer.kind].bind(given))
+            close(*INTERFACES[key(layer)].bind(given))
             pending = False
             continue
         if pending or not interfaces:

@@ -13,7 +13,7 @@ from ...optics.vectors import Array, Vector, float_type
 from ..bound import BoundStack
 from .proposal import propose
 from .trace import trace
-from .walk import direct, estimate
+from .walk import direct, direct_is_certain, estimate
 
 
 @dataclass
@@ -49,13 +49,17 @@ class WalkCore:
             seed: integer below 2**32.
         """
         value, _ = self.moments(wi, wo, key, seed, first, count)
-        return self.spectrum((value + direct(self.stack, wi, wo)) * self.scale(wi, wo))
+        return self.spectrum((value + self.certain(wi, wo)) * self.scale(wi, wo))
+
+    def certain(self, wi: Vector, wo: Vector) -> Array:
+        """What needs no sampling, without the scale of radiance."""
+        return direct(self.stack, wi, wo) if direct_is_certain(self.stack) else self.spectrum(0) + 0 * wi.x
 
     def moments(
         self, wi: Vector, wo: Vector, key: Sequence[Array], seed: Array, first: Array, count: Array
     ) -> tuple[Array, Array]:
         """Mean and mean square of the random part, without the scale of radiance."""
-        if len(self.stack.interfaces) == 1:
+        if len(self.stack.interfaces) == 1 and direct_is_certain(self.stack):
             return self.spectrum(0) + 0 * wi.x, self.spectrum(0) + 0 * wi.x
 
         def one(i: Array) -> Array:

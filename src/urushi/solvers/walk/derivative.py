@@ -17,11 +17,14 @@ from typing import Any
 
 import drjit as dr
 
+from urushi.errors import UnsupportedStack
+
 from ...interfaces import Interface, Scatter
 from ...interfaces.base import Part
 from ...interfaces.given import Given
 from ...media import inverse_cosine
 from ...media.homogeneous import Flight
+from ...optics.random import Generator
 from ...optics.vectors import Array, Vector
 from ..bound import BoundStack, bind
 
@@ -44,6 +47,14 @@ def bind_live(
     live = bind(stack, values, fixed)
     if not any(_live(value) for value in values.values()):
         return live
+    if any(interface.stochastic for interface in live.interfaces):
+        raise UnsupportedStack(
+            "walk",
+            [
+                'an interface has multiple_scattering="walk", a walk within the walk, which Dr.Jit cannot '
+                'differentiate: use "compensated" where derivatives are wanted'
+            ],
+        )
     still = bind(stack, {name: _detached(value) for name, value in values.items()}, fixed)
     return BoundStack(
         [LiveInterface(a, b) for a, b in zip(live.interfaces, still.interfaces, strict=True)],
@@ -106,15 +117,26 @@ class LiveInterface(Interface):
     def bind(cls, given: Given) -> tuple[Interface, Array, float | None]:
         raise TypeError("a live interface is made of two bound ones: see bind_live")
 
-    def reflect(self, w: Vector, o: Vector, above: bool, part: Part = "both") -> tuple[Array, Array]:
+    def reflect(
+        self, w: Vector, o: Vector, above: bool, part: Part = "both", rng: Generator | None = None
+    ) -> tuple[Array, Array]:
         value, pdf = self.live.reflect(w, o, above, part)
         return value, dr.detach(pdf)
 
-    def transmit(self, w: Vector, o: Vector, above: bool, part: Part = "both") -> tuple[Array, Array]:
+    def transmit(
+        self, w: Vector, o: Vector, above: bool, part: Part = "both", rng: Generator | None = None
+    ) -> tuple[Array, Array]:
         value, pdf = self.live.transmit(w, o, above, part)
         return value, dr.detach(pdf)
 
-    def sample(self, w: Vector, u: tuple[Array, Array, Array], above: bool, part: Part = "both") -> Scatter:
+    def sample(
+        self,
+        w: Vector,
+        u: tuple[Array, Array, Array],
+        above: bool,
+        part: Part = "both",
+        rng: Generator | None = None,
+    ) -> Scatter:
         event = self.still.sample(dr.detach(w), u, above, part)
         smooth = self._smooth(w, u, above, part) if self.delta is not False else None
         if self.delta is True:

@@ -109,7 +109,7 @@ def _cross(stack: BoundStack, wo: Vector, rng: Generator, above: bool) -> Exit:
     seen = type(wo)(wo.x, wo.y, dr.abs(wo.z))
     smooth = interface.delta is True
     u = (0.0, 0.0, 0.0) if smooth else (0.0, uniform(rng, wo), uniform(rng, wo))
-    event = interface.sample(seen, u, above, part="transmit")
+    event = interface.sample(seen, u, above, part="transmit", rng=rng)
     inside = event.o if above else mirror(event.o)
     # Total reflection and facets seen from behind carry nothing.
     alive = ((wo.z > 0) if above else (wo.z < 0)) & (event.o.z < 0)
@@ -185,7 +185,7 @@ def _advance(stack: BoundStack, s: dict[str, Any], region: int, down: bool) -> N
         s["weight"] = dr.select(stop | smooth, s["weight"] * scaled, s["weight"])
     up_frame = -w if down else mirror(-w)
     u = (uniform(s["rng"], w), 0.5, 0.5)
-    event = interface.sample(up_frame, u, above=down, part="both")
+    event = interface.sample(up_frame, u, above=down, part="both", rng=s["rng"])
     o = event.o if down else mirror(event.o)
     s["weight"] = dr.select(smooth, s["weight"] * event.weight, s["weight"])
     s["w"] = dr.select(smooth, o, w)

@@ -19,7 +19,6 @@ from ..numbers import gather_numbers
 from .core import WalkCore
 from .derivative import bind_live
 from .smooth import has_delta
-from .walk import direct
 
 #: samples that one lane takes in a row; sums are then added in double precision, in an order that depends on the
 #: number of samples alone, so that splitting a batch changes nothing
@@ -98,13 +97,13 @@ class WalkBSDF(BSDF):
             core, _ = self._core(_module_of(wi))
             mean, square = core.moments(wi, wo, (), self.seed, 0, self.samples)
             scale = core.scale(wi, wo)
-            value = self._colour((mean + direct(core.stack, wi, wo)) * scale, wi)
+            value = self._colour((mean + core.certain(wi, wo)) * scale, wi)
             error = dr.sqrt(dr.maximum(square - dr.square(mean), 0) / max(self.samples - 1, 1)) * scale
             return (value, self._colour(error, wi)) if with_error else value
 
         def launch(core: WalkCore, lanes: tuple[Any, ...], first: Any, count: Any) -> tuple[Any, ...]:
             a, b = lanes
-            certain = core.spectrum(direct(core.stack, a, b))
+            certain = core.spectrum(core.certain(a, b))
             scale = core.spectrum(core.scale(a, b))
             return (*core.moments(a, b, (), self._uint(self.seed), first, count), certain, scale)
 

@@ -30,8 +30,8 @@ def trace(
     uint = dr.uint32_array_t(dr.value_t(type(wi)))
     u = (0.5, uniform(rng, wi), uniform(rng, wi))
     top = stack.interfaces[0]
-    back = top.sample(wi, u, above=True, part="reflect")
-    on = top.sample(wi, u, above=True, part="transmit")
+    back = top.sample(wi, u, above=True, part="reflect", rng=rng)
+    on = top.sample(wi, u, above=True, part="transmit", rng=rng)
     lit = wi.z > 0
     up_flux = spectrum(0) + dr.select(lit & (back.o.z > 0), back.weight, 0)
     down_flux = spectrum(0) + 0 * wi.x
@@ -41,8 +41,8 @@ def trace(
     if not stack.opaque:
         bottom = stack.interfaces[last]
         below = wi.z < 0
-        back_low = bottom.sample(mirror(wi), u, above=False, part="reflect")
-        on_low = bottom.sample(mirror(wi), u, above=False, part="transmit")
+        back_low = bottom.sample(mirror(wi), u, above=False, part="reflect", rng=rng)
+        on_low = bottom.sample(mirror(wi), u, above=False, part="transmit", rng=rng)
         down_flux = down_flux + dr.select(below & (back_low.o.z > 0), back_low.weight, 0)
         d = dr.select(below, mirror(on_low.o), d)
         weight = dr.select(below & (on_low.o.z < 0), on_low.weight, weight)
@@ -127,10 +127,10 @@ def _advance(stack: BoundStack, s: State, region: int, down: bool) -> None:
     w = -d if down else mirror(-d)
     u = (uniform(rng, d), uniform(rng, d), uniform(rng, d))
     if outer:
-        out = interface.sample(w, u, above=down, part="transmit")
+        out = interface.sample(w, u, above=down, part="transmit", rng=rng)
         side = "down" if down else "up"
         s[side] = s[side] + dr.select(here & (out.o.z < 0), s["throughput"] * out.weight, 0)
-    event = interface.sample(w, u, above=down, part="reflect" if outer else "both")
+    event = interface.sample(w, u, above=down, part="reflect" if outer else "both", rng=rng)
     o = event.o if down else mirror(event.o)
     s["throughput"] = dr.select(here, s["throughput"] * event.weight, s["throughput"])
     s["d"] = dr.select(here, o, d)

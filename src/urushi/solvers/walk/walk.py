@@ -37,34 +37,45 @@ ROULETTE = 0.37
 ROULETTE_SCATTERING = 0.7
 
 
-def direct(stack: BoundStack, wi: Vector, wo: Vector) -> Array:
-    """Flux density of the light that meets one interface only: no randomness in it."""
+def direct(stack: BoundStack, wi: Vector, wo: Vector, rng: Generator | None = None) -> Array:
+    """Flux density of the light that meets one interface only; no randomness in it, unless in the interface itself."""
     top, bottom = stack.interfaces[0], stack.interfaces[-1]
-    value = dr.select((wi.z > 0) & (wo.z > 0), top.reflect(wi, wo, above=True)[0], 0)
+    value = dr.select((wi.z > 0) & (wo.z > 0), top.reflect(wi, wo, above=True, rng=rng)[0], 0)
     if stack.opaque:
         return value
     wi_low, wo_low = mirror(wi), mirror(wo)
-    value = dr.select((wi.z < 0) & (wo.z < 0), bottom.reflect(wi_low, wo_low, above=False)[0], value)
+    value = dr.select((wi.z < 0) & (wo.z < 0), bottom.reflect(wi_low, wo_low, above=False, rng=rng)[0], value)
     if len(stack.interfaces) == 1:
-        value = dr.select((wi.z > 0) & (wo.z < 0), top.transmit(wi, wo, above=True)[0], value)
-        value = dr.select((wi.z < 0) & (wo.z > 0), top.transmit(wi_low, wo_low, above=False)[0], value)
+        value = dr.select((wi.z > 0) & (wo.z < 0), top.transmit(wi, wo, above=True, rng=rng)[0], value)
+        value = dr.select(
+            (wi.z < 0) & (wo.z > 0), top.transmit(wi_low, wo_low, above=False, rng=rng)[0], value
+        )
     return value
+
+
+def direct_is_certain(stack: BoundStack) -> bool:
+    """Whether `direct` needs no random numbers."""
+    return not (stack.interfaces[0].stochastic or stack.interfaces[-1].stochastic)
 
 
 def estimate(
     stack: BoundStack, wi: Vector, wo: Vector, rng: Generator, spectrum: Any, max_depth: int | None = None
 ) -> Array:
-    """One sample of the flux density f |cos wo| of all light that meets more than one interface, or a medium.
+    """One sample of the flux density f |cos wo| of all light but what `direct` can tell for certain.
 
     Args:
-        stack: the stack with its numbers; more than one interface.
+        stack: the stack with its numbers.
         wi, wo: directions away from the surface, on either side.
         rng: a generator per lane.
         spectrum: type of a colour, or of a number where nothing in the stack is coloured.
         max_depth: most scattering events inside; None for no limit.
     """
+    seen = spectrum(0) if direct_is_certain(stack) else spectrum(0 + direct(stack, wi, wo, rng))
+    if len(stack.interfaces) == 1:
+        return seen + 0 * wi.x
     way_out = sample_exit(stack, wo, rng, spectrum)
     state = _enter(stack, wi, way_out, rng, spectrum, max_depth)
+    state["light"] = spectrum(state["light"] + seen)
     threshold = _roulette_threshold(stack)
 
     def body(stack: BoundStack, s: State, way_out: Exit = way_out) -> State:
@@ -123,19 +134,19 @@ def _enter(
     """Cross the first interface, from either side."""
     last = len(stack.interfaces) - 1
     u = (0.5, uniform(rng, wi), uniform(rng, wi))
-    event = stack.interfaces[0].sample(wi, u, above=True, part="transmit")
+    event = stack.interfaces[0].sample(wi, u, above=True, part="transmit", rng=rng)
     d, weight, pdf, delta = event.o, event.weight, event.pdf, stack.interfaces[0].delta
     alive = (wi.z > 0) & (d.z < 0)
     region: Any = 1
     if not stack.opaque:
-        below = stack.interfaces[last].sample(mirror(wi), u, above=False, part="transmit")
+        below = stack.interfaces[last].sample(mirror(wi), u, above=False, part="transmit", rng=rng)
         up = wi.z > 0
         alive = dr.select(up, alive, (wi.z < 0) & (below.o.z < 0))
         d = dr.select(up, d, mirror(below.o))
         weight, pdf = dr.select(up, weight, below.weight), dr.select(up, pdf, below.pdf)
         delta = dr.select(up, delta, stack.interfaces[last].delta)
         region = dr.select(up, 1, last)
-    light = spectrum(0 + _connect_entrance(stack, wi, way_out))
+    light = spectrum(0 + _connect_entrance(stack, wi, way_out, rng))
     state: State = {
         "d": d,
         "throughput": spectrum(dr.select(alive, weight, 0)),  # a path that carries nothing has ended
@@ -155,7 +166,7 @@ def _enter(
     return state
 
 
-def _connect_entrance(stack: BoundStack, wi: Vector, way_out: Exit) -> Array:
+def _connect_entrance(stack: BoundStack, wi: Vector, way_out: Exit, rng: Generator) -> Array:
     """Connect the entrance itself to the exit ray: wi refracts straight into its direction."""
     light = 0 * wi.x
     for above in (True,) if stack.opaque else (True, False):
@@ -166,7 +177,7 @@ def _connect_entrance(stack: BoundStack, wi: Vector, way_out: Exit) -> Array:
         if meets is False or interface.delta is True:
             continue
         w, c = (wi, way_out.c) if above else (mirror(wi), mirror(way_out.c))
-        value, pdf = interface.transmit(w, c, above, part="transmit")
+        value, pdf = interface.transmit(w, c, above, part="transmit", rng=rng)
         value = value * _weight(way_out.pdf, pdf * way_out.jacobian)
         light = light + dr.select((w.z > 0) & meets, way_out.carry(value, region), 0)
     return light
@@ -243,7 +254,7 @@ def _meet(
     u = (0.5 if outer or interface.flat else uniform(s["rng"], d), 0.5, 0.5)
     if interface.delta is not True:
         u = (u[0], uniform(s["rng"], d), uniform(s["rng"], d))
-    event = interface.sample(w, u, above=down, part="reflect" if outer else "both")
+    event = interface.sample(w, u, above=down, part="reflect" if outer else "both", rng=s["rng"])
     o = event.o if down else mirror(event.o)
     s["throughput"] = dr.select(here, s["throughput"] * event.weight, s["throughput"])
     if s["pdf"] is not None:
@@ -283,9 +294,9 @@ def _connect(
         if meets is False:
             continue
         value, pdf = (
-            interface.transmit(w, c, down)
+            interface.transmit(w, c, down, rng=s["rng"])
             if through
-            else interface.reflect(w, c, down, "reflect" if outer else "both")
+            else interface.reflect(w, c, down, "reflect" if outer else "both", rng=s["rng"])
         )
         if not interface.flat:
             value = value * _weight(way_out.pdf, pdf * way_out.jacobian)
@@ -298,7 +309,7 @@ def _arrive(stack: BoundStack, s: State, wo: Vector, k: int, here: Any) -> None:
     if interface.delta is True:
         return
     seen, inside = (wo, -s["d"]) if above else (mirror(wo), mirror(-s["d"]))
-    value, pdf = interface.transmit(seen, inside, above, part="transmit")
+    value, pdf = interface.transmit(seen, inside, above, part="transmit", rng=s["rng"])
     value = value * flux_back(stack, wo, inside, above) * _weight(s["pdf"], pdf)
     s["light"] = s["light"] + dr.select(here & (seen.z > 0), s["throughput"] * value, 0)
 
