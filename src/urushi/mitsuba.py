@@ -20,14 +20,15 @@ llvm.prepare()
 
 import mitsuba as mi  # noqa: E402  (LLVM has to be chosen before Dr.Jit looks for it)
 
-from urushi.adapters.mitsuba.plugin import register  # noqa: E402
+from urushi.adapters.mitsuba import complete, plugin  # noqa: E402
 
 _CALLBACK = "_urushi_registers"
 
 
 def _on_variant(*_: Any) -> None:
     if mi.variant() is not None:
-        register(mi)
+        for module in (plugin, complete):
+            module.register(mi)
 
 
 if not hasattr(mi.detail, _CALLBACK):

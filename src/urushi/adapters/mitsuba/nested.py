@@ -2,6 +2,7 @@
 
     dielectric, roughdielectric        -> Dielectric (relative index times that of what lies above; separable masking)
     conductor, roughconductor          -> Conductor (its index is absolute)
+    complete_roughconductor, complete_roughdielectric -> the same with scattering between the facets
     diffuse                            -> Diffuse
     homogeneous (a medium)             -> Medium of depth sigma_t * scale * thickness_N (thickness_N is 1 by default)
 
@@ -69,8 +70,8 @@ def read_children(
     for i in range(len(numbers)):
         child = children[f"layer_{i}"]
         try:
-            layer, given, index = _read(mi, child, index, thickness.get(i, 1.0))
-        except _Refused as refusal:
+            layer, given, index = read_child(mi, child, index, thickness.get(i, 1.0))
+        except Refused as refusal:
             reasons.append(f"layer_{i} ({child.class_name()}): {refusal}")
             continue
         except MaterialError as error:
@@ -85,28 +86,46 @@ def read_children(
         raise inside(error, name) from None
 
 
-class _Refused(Exception):
-    pass
+class Refused(Exception):
+    """A plugin that cannot be read as a layer, with the reason."""
 
 
-def _read(mi: Any, child: Any, index: float, thickness: float) -> tuple[Any, dict[str, Any], float]:
+def read_child(
+    mi: Any, child: Any, index: float, thickness: float = 1.0, complete: str | None = None
+) -> tuple[Any, dict[str, Any], float]:
+    """One plugin as a layer.
+
+    Args:
+        child: the plugin.
+        index: absolute index above it.
+        thickness: geometric thickness of a medium.
+        complete: `multiple_scattering` of a rough interface in place of none; its tints are then left to the caller.
+
+    Returns:
+        the layer, what gives its parameters their values, the index below.
+    """
+    if hasattr(child, "tints"):
+        return _complete(child, index)
     kind = child.class_name()
     found = traversed(mi, child)
     if isinstance(child, mi.Medium):
         if kind != "HomogeneousMedium":
-            raise _Refused("only homogeneous media can be read")
+            raise Refused("only homogeneous media can be read")
         return (*_medium(mi, child, thickness), index)
     if kind == "SmoothDiffuse":
         return Diffuse(reflectance=_NOMINAL), {"reflectance": found["reflectance"]}, index
     for part in ("specular_reflectance", "specular_transmittance"):
-        if part in found and not _is_one(mi, found[part]):
-            raise _Refused(f"{part} other than 1 is not physical and cannot be read")
+        if complete is None and part in found and not is_one(mi, found[part]):
+            raise Refused(f"{part} other than 1 is not physical and cannot be read")
     rough = kind.startswith("Rough")
     options: dict[str, Any] = {}
     given: dict[str, Any] = {}
     if rough:
         match = re.search(r"distribution = (\w+)", str(child))
         options = {"distribution": match[1] if match else "beckmann", "masking": "separable", "alpha": 0.5}
+        if complete is not None:
+            # Scattering between the facets is defined for facets whose heights are correlated.
+            options |= {"masking": "correlated", "multiple_scattering": complete}
         if "alpha" in found:
             given["alpha"] = _rough(found["alpha"])
         else:
@@ -121,10 +140,27 @@ def _read(mi: Any, child: Any, index: float, thickness: float) -> tuple[Any, dic
     if kind in ("SmoothConductor", "RoughConductor"):
         given |= {"eta": found["eta"], "k": found["k"]}
         return Conductor(eta=_NOMINAL, k=_NOMINAL, **options), given, index
-    raise _Refused(
+    raise Refused(
         "cannot be read as a layer; allowed: dielectric, roughdielectric, conductor, roughconductor, diffuse, "
-        "homogeneous"
+        "homogeneous, complete_roughconductor, complete_roughdielectric"
     )
+
+
+def _complete(child: Any, index: float) -> tuple[Any, dict[str, Any], float]:
+    """The one layer of a plugin of `complete`, with what gives its parameters their values."""
+    if child.tints:
+        raise Refused(f"{', '.join(child.tints)} other than 1 is not physical and cannot be read")
+    layer = child.stack.layers[0]
+    below = index * layer.ior if layer.kind == "dielectric" else index
+    given = {}
+    for name, parameter in child.surface.parameters.items():
+        several = parameter if isinstance(parameter, tuple) else (parameter,)
+        sources = tuple(p.source() for p in several)
+        given[name.removeprefix("layer_0.")] = sources if isinstance(parameter, tuple) else sources[0]
+    if layer.kind == "dielectric":
+        layer = layer.model_copy(update={"ior": below})
+        given.pop("ior")
+    return layer, given, below
 
 
 def _medium(mi: Any, child: Any, thickness: float) -> tuple[Medium, dict[str, Any]]:
@@ -135,7 +171,7 @@ def _medium(mi: Any, child: Any, thickness: float) -> tuple[Medium, dict[str, An
     for name, ours, factor in (("albedo", "albedo", 1.0), ("sigma_t", "depth", scale)):
         texture = traversed(mi, found[name]).get("value")
         if not isinstance(texture, mi.Texture):
-            raise _Refused(f"{name} varies inside the medium; only homogeneous ones can be read")
+            raise Refused(f"{name} varies inside the medium; only homogeneous ones can be read")
         if "rgb" in mi.variant():
             values[ours] = _times(_colour(parameters[f"{name}.value.value"]), factor)
         else:
@@ -145,7 +181,7 @@ def _medium(mi: Any, child: Any, thickness: float) -> tuple[Medium, dict[str, An
     name = child.phase_function().class_name()
     kind = _PHASES.get(name)
     if kind is None:
-        raise _Refused(f"phase function {name} cannot be read; allowed: hg, isotropic, rayleigh")
+        raise Refused(f"phase function {name} cannot be read; allowed: hg, isotropic, rayleigh")
     phase: Any = {"isotropic": Isotropic, "rayleigh": Rayleigh}.get(kind, Isotropic)()
     if kind == "hg":
         phase = HenyeyGreenstein(g=_first(parameters["phase_function.g"]))
@@ -156,7 +192,7 @@ def _rough(texture: Any) -> Source:
     return Source(texture, lowest=_NARROWEST, shape=_NOMINAL)
 
 
-def _is_one(mi: Any, texture: Any) -> bool:
+def is_one(mi: Any, texture: Any) -> bool:
     if texture.is_spatially_varying():
         return False
     values = [v for k, v in mi.traverse(texture) if k.endswith("value")] or [1.0]

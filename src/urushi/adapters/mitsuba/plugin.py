@@ -3,7 +3,7 @@
     parameter      type              what
     filename       string            material file, or ``preset:NAME``; or nested children instead:
     layer_0, ...   BSDF or medium    layers from the top down: dielectric, roughdielectric, conductor, roughconductor,
-                                     diffuse, homogeneous
+                                     diffuse, homogeneous, complete_roughconductor, complete_roughdielectric
     thickness_N    float             geometric thickness of the medium ``layer_N`` (1)
     method         string            ``walk`` (default), or ``auto``
     samples        int               paths per evaluation (1)
@@ -59,9 +59,12 @@ def make_plugin(mi: Any) -> Any:
     """The class of the plugin in the current variant (its base class belongs to the variant)."""
 
     class Layered(mi.BSDF):
+        #: the part of a parameter's name that `mi.traverse` leaves out
+        outer_name = ""
+
         def __init__(self, props: Any) -> None:
             mi.BSDF.__init__(self, props)
-            self.stack, sources = _described(mi, props)
+            self.stack, sources = self._describe(props)
             method = props.get("method", "walk")
             self.samples = _whole(props, "samples", 1, 1, 2**31 - 1)
             self.seed = _whole(props, "seed", 0, 0, 2**32 - 1)
@@ -75,6 +78,9 @@ def make_plugin(mi: Any) -> Any:
             # Opaque, as the parameters are: another seed compiles nothing anew.
             self._noise = dr.opaque(mi.UInt32, self.seed)
             self._find_components()
+
+        def _describe(self, props: Any) -> tuple[Any, dict[str, Any]]:
+            return _described(mi, props)
 
         def _find_components(self) -> None:
             stack = self._bound(dr.zeros(mi.SurfaceInteraction3f), True)
@@ -172,7 +178,7 @@ def make_plugin(mi: Any) -> Any:
                     flags = mi.ParamFlags.NonDifferentiable
                 if not parameter.textured and parameter.fixed is not None and "alpha" in name:
                     flags |= mi.ParamFlags.Discontinuous
-                callback.put(name, parameter.value, flags)
+                callback.put(name.removeprefix(self.outer_name), parameter.value, flags)
 
         def parameters_changed(self, keys: Any = ()) -> None:
             """What shapes the compiled code (smooth or rough, index-matched, without scattering) follows the values."""

@@ -119,6 +119,10 @@ class Parameter:
         numbers = [float(n) for n in np.array(dr.detach(self.value)).ravel()]
         self.fixed = numbers[0] if len(numbers) == 1 else tuple(numbers) if len(numbers) == 3 else None
 
+    def source(self) -> Any:
+        """What gives the value, to make another `Parameter` of."""
+        return Source(self.value, self.factor, self.lowest, self.fixed) if self.textured else self.fixed
+
     def said(self) -> str:
         """The value now, in words."""
         if not self.textured:
