@@ -2,15 +2,23 @@
 
 Light goes back and forth between the two layers; the sum over all bounces is a geometric series (Stokes 1862):
 
-    R_top = R1_top + T1_up (1 - R2_top R1_bottom)^-1 R2_top T1_down
-    T_down = T2_down (1 - R1_bottom R2_top)^-1 T1_down          and mirrored for R_bottom, T_up
+    R_top = R1_top + T1_up R2_top (1 - R1_bottom R2_top)^-1 T1_down
+    T_down =         T2_down      (1 - R1_bottom R2_top)^-1 T1_down
 
-Written here for quantities that commute: numbers, colours, arrays of either.
+and, for light from below, the same with the pair turned over. Whether R and T are numbers (Stokes), colours, matrices
+in a directional basis (Grant & Hunt 1969) or operators with a delta part changes nothing in them but what "times" and
+the series mean: that is an `Algebra`, and the second argument's only business. What all have in common is `+`.
 """
 
 from __future__ import annotations
 
+import operator
+from collections.abc import Callable
 from typing import Any, NamedTuple
+
+import numpy as np
+
+from .errors import UrushiError
 
 
 class Slab(NamedTuple):
@@ -21,13 +29,85 @@ class Slab(NamedTuple):
     r_bottom: Any
     t_up: Any
 
+    @property
+    def symmetric(self) -> bool:
+        """True for a layer that is known to be its own mirror image: it has one object for both sides."""
+        return self.r_top is self.r_bottom and self.t_down is self.t_up
 
-def add(upper: Slab, lower: Slab) -> Slab:
-    """Put `upper` on `lower`. Nothing reflects everything between them for ever, so the series converges."""
-    series = 1 / (1 - lower.r_top * upper.r_bottom)
+    def turned_over(self) -> Slab:
+        """The layer upside down."""
+        return Slab(self.r_bottom, self.t_up, self.r_top, self.t_down)
+
+
+class Algebra(NamedTuple):
+    """What the adding equations need beside `+`.
+
+    Attributes:
+        times: a, b -> a b.
+        bounce: a, b, x -> (1 - a b)^-1 x = x + a b x + a b a b x + ...
+    """
+
+    times: Callable[[Any, Any], Any]
+    bounce: Callable[[Any, Any, Any], Any]
+
+
+#: quantities that commute: numbers, colours, arrays of either, of numpy or Dr.Jit
+NUMBERS = Algebra(operator.mul, lambda a, b, x: x * (1 / (1 - a * b)))
+
+
+def _solve(a: Any, b: Any, x: Any) -> Any:
+    bounce = a @ b
+    return np.linalg.solve(np.eye(bounce.shape[-1]) - bounce, x)
+
+
+#: (..., out, in) matrices; all further axes are stacked layers, solved at once
+MATRICES = Algebra(operator.matmul, _solve)
+
+
+def add(upper: Slab, lower: Slab, algebra: Algebra = NUMBERS) -> Slab:
+    """Put `upper` on `lower`. Nothing may reflect everything between them for ever, so that the series converges."""
     return Slab(
-        upper.r_top + upper.t_up * lower.r_top * upper.t_down * series,
-        lower.t_down * upper.t_down * series,
-        lower.r_bottom + lower.t_down * upper.r_bottom * lower.t_up * series,
-        upper.t_up * lower.t_up * series,
+        *_from_above(upper, lower, algebra),
+        *_from_above(lower.turned_over(), upper.turned_over(), algebra),
     )
+
+
+def double(slab: Slab, times: int, algebra: Algebra = NUMBERS) -> Slab:
+    """2^times layers of the same kind, one on another, in `times` additions (van de Hulst 1963)."""
+    for _ in range(times):
+        slab = _join(slab, slab, algebra)
+    return slab
+
+
+def pile(slab: Slab, count: int, algebra: Algebra = NUMBERS) -> Slab:
+    """`count` layers of the same kind, one on another, by the binary digits of the number.
+
+    Raises:
+        UrushiError: no layers at all.
+    """
+    if count < 1:
+        raise UrushiError(f"pile: found {count} layers; allowed: at least 1")
+    whole: Slab | None = None
+    while True:
+        if count & 1:
+            whole = slab if whole is None else _join(whole, slab, algebra)
+        count >>= 1
+        if not count:
+            assert whole is not None
+            return whole
+        slab = _join(slab, slab, algebra)
+
+
+def _from_above(upper: Slab, lower: Slab, algebra: Algebra) -> tuple[Any, Any]:
+    """Reflection and transmission of both together, for light from above."""
+    times = algebra.times
+    down = algebra.bounce(upper.r_bottom, lower.r_top, upper.t_down)  # all that travels down between them
+    return upper.r_top + times(upper.t_up, times(lower.r_top, down)), times(lower.t_down, down)
+
+
+def _join(upper: Slab, lower: Slab, algebra: Algebra) -> Slab:
+    """Add layers that are piles of the same kind: if that is symmetric, so are they, and half the work is saved."""
+    if not (upper.symmetric and lower.symmetric):
+        return add(upper, lower, algebra)
+    r, t = _from_above(upper, lower, algebra)
+    return Slab(r, t, r, t)
