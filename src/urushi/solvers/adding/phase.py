@@ -1,0 +1,149 @@
+"""Phase functions as series: what every azimuthal order of them is between all nodes of a region.
+
+A phase function of the scattering angle is its Legendre moments chi_l = integral of p P_l(cos), which the addition
+theorem turns into a sum of products, order by order (Chandrasekhar 1950, section 48):
+
+    p_m(mu_o, mu_i) = sum_l (2 l + 1) chi_l Y_l^m(mu_o) Y_l^m(mu_i),     Y_l^m = sqrt((l - m)! / (l + m)!) P_l^m
+
+in which half the integral of p_0 over all cosines is 1, and p = 1 / (4 pi) sum_m (2 - [m = 0]) p_m cos(m phi).
+Y_l^m is even or odd in the cosine with l - m, so the sums over even and over odd l - m give both hemispheres at once.
+
+A new phase function is a class with `moments` and `eval` here, and a line in `PHASES`.
+"""
+
+from __future__ import annotations
+
+from typing import Any, Protocol
+
+import numpy as np
+
+from ...errors import UrushiError
+
+#: more terms than this, and the starting values sin(theta)^m of the recurrence leave the range of double precision
+MOST_TERMS = 1800
+
+
+class Phase(Protocol):
+    """A phase function."""
+
+    def moments(self, count: int) -> np.ndarray:
+        """(count,) Legendre moments chi_l; chi_0 = 1, chi_1 the mean cosine."""
+
+    def eval(self, cos: np.ndarray) -> np.ndarray:
+        """Density per solid angle at these cosines of the scattering angle (1: straight on)."""
+
+
+class Isotropic:
+    """Equal light in all directions."""
+
+    def moments(self, count: int) -> np.ndarray:
+        return (np.arange(count) == 0).astype(float)
+
+    def eval(self, cos: np.ndarray) -> np.ndarray:
+        return np.full(np.shape(cos), 1 / (4 * np.pi))
+
+
+class HenyeyGreenstein:
+    """Henyey & Greenstein 1941: chi_l = g^l."""
+
+    def __init__(self, g: float) -> None:
+        if not -1 < g < 1:
+            raise UrushiError(f"phase function: found g = {g}; allowed: -1 < g < 1")
+        self.g = float(g)
+
+    def moments(self, count: int) -> np.ndarray:
+        return self.g ** np.arange(count)
+
+    def eval(self, cos: np.ndarray) -> np.ndarray:
+        g = abs(self.g)
+        away = 1 - np.copysign(1, self.g) * np.asarray(cos)  # from the peak: nothing cancels there
+        return (1 - g) * (1 + g) / (4 * np.pi * ((1 - g) ** 2 + 2 * g * away) ** 1.5)
+
+
+class Rayleigh:
+    """3 / (16 pi) (1 + cos^2)."""
+
+    def moments(self, count: int) -> np.ndarray:
+        found = np.zeros(count)
+        found[: min(count, 3)] = (1, 0, 0.1)[: min(count, 3)]
+        return found
+
+    def eval(self, cos: np.ndarray) -> np.ndarray:
+        return 3 / (16 * np.pi) * (1 + np.asarray(cos) ** 2)
+
+
+#: the phase function of each described kind; called with the numbers of the description
+PHASES: dict[str, Any] = {
+    "isotropic": Isotropic,
+    "henyey_greenstein": HenyeyGreenstein,
+    "rayleigh": Rayleigh,
+}
+
+
+def terms(phase: Phase, tolerance: float) -> int:
+    """How many terms the series needs: what is left out is, at its largest, `tolerance` of the peak.
+
+    Returns:
+        a number of terms, at most `MOST_TERMS`.
+    """
+    size = (2 * np.arange(MOST_TERMS + 1) + 1) * np.abs(phase.moments(MOST_TERMS + 1))
+    left = np.cumsum(size[::-1])[::-1]
+    return int(np.argmax(left <= tolerance * left[0])) if left[-1] <= tolerance * left[0] else MOST_TERMS
+
+
+def harmonics(mu: np.ndarray, count: int, orders: range) -> np.ndarray:
+    """Normalised associated Legendre functions Y_l^m, bounded by 1, without the sign (-1)^m.
+
+    Args:
+        mu: (n,) cosines.
+        count: l < count.
+        orders: which m, ascending by 1.
+
+    Returns:
+        (count, len(orders), n); 0 where l < m.
+
+    Raises:
+        UrushiError: more terms than double precision carries.
+    """
+    if count > MOST_TERMS:
+        raise UrushiError(f"phase function: found {count} terms; allowed: at most {MOST_TERMS}")
+    m = np.array(orders)
+    sin = np.sqrt((1 - mu) * (1 + mu))
+    start = np.cumprod(np.sqrt((2 * np.arange(1, count + 1) - 1) / (2 * np.arange(1, count + 1))))
+    found = np.zeros((count, len(m), len(mu)))
+    for l in range(min(orders.start, count), count):  # noqa: E741
+        # sqrt(l^2 - m^2) Y_l = (2 l - 1) mu Y_(l-1) - sqrt((l-1)^2 - m^2) Y_(l-2), stable upwards
+        low = min(max(l - orders.start, 0), len(m))  # orders below l
+        below = m[:low, None].astype(float)
+        if low and l > 0:
+            value = (2 * l - 1) * mu * found[l - 1, :low]
+            if l > 1:
+                value -= np.sqrt(np.maximum((l - 1) ** 2 - below**2, 0)) * found[l - 2, :low]
+            found[l, :low] = value / np.sqrt(l**2 - below**2)
+        if low < len(m):
+            found[l, low] = sin**l * (start[l - 1] if l else 1)
+    return found
+
+
+def between(
+    mu: np.ndarray, moments: np.ndarray, orders: range
+) -> tuple[np.ndarray, np.ndarray]:
+    """The series summed over even and over odd l - m, between all nodes of a region.
+
+    Args:
+        mu: (n,) cosines of the nodes.
+        moments: (L,) chi_l.
+        orders: which azimuthal orders.
+
+    Returns:
+        even, odd: (M, n, n) each, symmetric. Into the same hemisphere goes p_m = even + odd, into the other one
+        even - odd.
+    """
+    y = harmonics(mu, len(moments), orders).transpose(1, 0, 2)  # (M, L, n)
+    weighted = y * ((2 * np.arange(len(moments)) + 1) * moments)[:, None]
+    parity = (np.arange(len(moments)) - np.array(orders)[:, None]) % 2  # (M, L)
+    found = []
+    for want in (0, 1):
+        chosen = weighted * (parity == want)[..., None]
+        found.append(np.swapaxes(y, 1, 2) @ chosen)
+    return found[0], found[1]
