@@ -24,7 +24,7 @@ def measure(quick: bool) -> dict[str, Any]:
     import urushi as ur
 
     pairs, rounds = 4_000_000, 3 if quick else 31
-    wi, wo = _directions(mi, pairs, 1), _directions(mi, pairs, 2)
+    wi, wo = directions(mi, pairs, 1), directions(mi, pairs, 2)
     plastic = mi.load_dict({"type": "roughplastic", "alpha": 0.1, "diffuse_reflectance": 0.5})
     si = dr.zeros(mi.SurfaceInteraction3f, pairs)
     si.wi = wi
@@ -48,7 +48,7 @@ def measure(quick: bool) -> dict[str, Any]:
     return found
 
 
-def _directions(mi: Any, count: int, seed: int) -> Any:
+def directions(mi: Any, count: int, seed: int) -> Any:
     """Cosine-distributed on the upper hemisphere."""
     import drjit as dr
 
