@@ -45,6 +45,8 @@ class Interface(ABC):
     flat: bool = False
     delta: Any = False
     stochastic: bool = False
+    #: the same boundary without what its facets send to one another, if this adds it as a lobe
+    single: Interface | None = None
 
     @classmethod
     @abstractmethod
