@@ -215,7 +215,7 @@ def save(stack: Stack, path: str | os.PathLike[str]) -> None:
         real = Path(os.path.realpath(target))  # through a symbolic link, which stays
         # The textures' paths begin at the folder through which the file will be opened.
         text = dumps(stack, _form(target), folder=target.absolute().parent)
-        _replace(real, text)
+        replace(real, text.encode("utf-8"))
     except MaterialError as error:
         raise MaterialError(error.problem, where=error.where, file=_printable(target)) from None
     except (OSError, ValueError) as error:
@@ -223,13 +223,19 @@ def save(stack: Stack, path: str | os.PathLike[str]) -> None:
         raise MaterialError(f"cannot be written: {problem}", file=_printable(target)) from None
 
 
-def _replace(path: Path, text: str) -> None:
+def replace(path: Path, content: bytes) -> None:
+    """Put a file in the place of another, or in none: whole, or not at all.
+
+    Raises:
+        MaterialError: the path is a folder.
+        OSError: it cannot be written.
+    """
     if path.is_dir():
         raise MaterialError("is a folder; allowed: a file")
     handle, name = tempfile.mkstemp(dir=path.parent, prefix=".", suffix=".part")
     try:
-        with os.fdopen(handle, "w", encoding="utf-8", newline="\n") as stream:
-            stream.write(text)
+        with os.fdopen(handle, "wb") as stream:
+            stream.write(content)
             stream.flush()
             os.fsync(stream.fileno())
         os.chmod(name, stat.S_IMODE(path.stat().st_mode) if path.exists() else 0o666 & ~_umask())
