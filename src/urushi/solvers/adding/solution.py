@@ -1,0 +1,76 @@
+"""What the solver hands to the BSDF: the four operators of a whole stack, as light outside sees them.
+
+Light comes from above or from below and leaves above or below: four parts, of which those of an opaque stack are but
+one. Each is a flux operator (see `operator`): on nodes i -> o and for azimuthal order m
+
+    A_m[o, i] = w_o integral of k(o <- i, phi) cos(m phi) dphi,      k = f |cos theta_o| without the squared index ratio
+
+High orders are 0 towards normal incidence, and nodes are ordered from there: orders are kept in blocks, each on the
+nodes from `first` on.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from .basis import Grid
+
+
+@dataclass(frozen=True)
+class Block:
+    """Some azimuthal orders of a part.
+
+    Attributes:
+        orders: which.
+        first: the nodes before this one have nothing of these orders, on either side.
+        values: (C, len(orders), n_out - first, n_in - first).
+    """
+
+    orders: range
+    first: int
+    values: np.ndarray
+
+
+@dataclass(frozen=True)
+class Part:
+    """Light that comes from one side and leaves on one side.
+
+    Attributes:
+        from_above, to_above: which sides.
+        delta: (C, n) what stays on its node: the mirror direction or Snell's direction; None for nothing.
+        blocks: everything else, less what the BSDF adds in closed form (`Solution.closed_form`), by ascending orders.
+        rest: the blocks of that closed form on the nodes; with `blocks` they make the whole operator.
+    """
+
+    from_above: bool
+    to_above: bool
+    delta: np.ndarray | None
+    blocks: list[Block]
+    rest: list[Block] = field(default_factory=list)
+
+    def whole(self) -> list[Block]:
+        """The blocks with the closed form put back; orders may be split anew."""
+        return [*self.blocks, *self.rest]
+
+
+@dataclass(frozen=True)
+class Solution:
+    """A solved stack.
+
+    Attributes:
+        grid: the nodes; region 0 is the exterior above, the last one that below.
+        parts: by (from_above, to_above).
+        closed_form: what `eval` adds exactly: "interface" (the outermost interface alone), "single" (one collision in
+            the medium next to a smooth or absent interface), or None.
+        colours: number of channels C.
+        diagnostics: sizes, time, estimated error, reasons.
+    """
+
+    grid: Grid
+    parts: dict[tuple[bool, bool], Part]
+    closed_form: str | None
+    colours: int
+    diagnostics: dict[str, Any]
