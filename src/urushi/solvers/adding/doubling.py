@@ -40,4 +40,6 @@ def thin(scattering: Scattering, depth: np.ndarray, albedo: np.ndarray) -> Slab:
 
     alike, opposite = half(x, y), half(y, x)
     passed = np.exp(-depth[:, None] / scattering.mu)
-    return operators(scattering, alike - opposite, alike + opposite - unit * (1 + passed[:, None, None, :]), passed)
+    return operators(
+        scattering, alike - opposite, alike + opposite - unit * (1 + passed[:, None, None, :]), passed
+    )

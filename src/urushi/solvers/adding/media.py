@@ -86,9 +86,7 @@ class Scattering:
         return cls(mu, weights, even, odd, correction, orders.start)
 
 
-def slab(
-    scattering: Scattering, depth: np.ndarray, albedo: np.ndarray, method: Method = "ordinates"
-) -> Slab:
+def slab(scattering: Scattering, depth: np.ndarray, albedo: np.ndarray, method: Method = "ordinates") -> Slab:
     """A homogeneous slab.
 
     Args:

@@ -31,7 +31,9 @@ def solve(scattering: Scattering, depth: np.ndarray, albedo: np.ndarray) -> Slab
 
     alike, opposite = half(f), half(g)
     passed = np.exp(-2 * h[:, 0] / scattering.mu)
-    return operators(scattering, alike - opposite, alike + opposite - unit * (1 + passed[:, None, None, :]), passed)
+    return operators(
+        scattering, alike - opposite, alike + opposite - unit * (1 + passed[:, None, None, :]), passed
+    )
 
 
 def modes(scattering: Scattering, albedo: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

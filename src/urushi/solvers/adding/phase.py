@@ -125,9 +125,7 @@ def harmonics(mu: np.ndarray, count: int, orders: range) -> np.ndarray:
     return found
 
 
-def between(
-    mu: np.ndarray, moments: np.ndarray, orders: range
-) -> tuple[np.ndarray, np.ndarray]:
+def between(mu: np.ndarray, moments: np.ndarray, orders: range) -> tuple[np.ndarray, np.ndarray]:
     """The series summed over even and over odd l - m, between all nodes of a region.
 
     Args:
