@@ -1,0 +1,51 @@
+"""Delta-M: a peak too sharp for the nodes becomes light that goes straight on, or straight back (Wiscombe 1977).
+
+The series of a sharp phase function is cut after L terms. What would follow is nearly the series of a delta peak,
+whose moments are all alike, f; so f of the scattered light counts as not scattered at all (or, for a backward peak, as
+sent back where it came from), and the rest has moments chi_l - f. Reflectance and transmittance are then those of the
+true phase function to the order that the nodes resolve; the peak itself, in the light scattered once, comes back from
+the exact formula in `single` (Nakajima & Tanaka 1988).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from .phase import Phase
+
+
+@dataclass(frozen=True)
+class Truncated:
+    """A phase function as its smooth part and its peaks.
+
+    Attributes:
+        moments: (L,) of everything but the forward peak, per light it scatters: chi_0 = 1 - `backward`.
+        forward: share of the scattered light that counts as not scattered.
+        backward: share of what is left that goes back exactly where it came from.
+    """
+
+    moments: np.ndarray
+    forward: float
+    backward: float
+
+    @classmethod
+    def of(cls, phase: Phase, count: int) -> Truncated:
+        """The first `count` terms of a phase function and the peaks that stand for the others.
+
+        A peak is forward if the first two moments left out are positive, backward if they alternate in sign from
+        positive even ones; otherwise they are dropped.
+        """
+        chi = phase.moments(count + 2)
+        sign = (-1.0) ** np.arange(count + 2)
+        forward = float(chi[count]) if (chi[count:] > 0).all() else 0.0
+        backward = float(abs(chi[count])) if (sign * chi)[count:].min() > 0 and not forward else 0.0
+        chi, sign = chi[:count], sign[:count]
+        return cls((chi - forward - backward * sign) / (1 - forward), forward, backward / (1 - forward))
+
+    def scale(self, depth: Any, albedo: Any) -> tuple[Any, Any]:
+        """Depth and albedo of the same medium in which the forward peak is not counted as scattering."""
+        left = 1 - albedo * self.forward
+        return depth * left, np.where(left > 0, albedo * (1 - self.forward) / np.where(left > 0, left, 1), 0)
