@@ -20,14 +20,14 @@ llvm.prepare()
 
 import mitsuba as mi  # noqa: E402  (LLVM has to be chosen before Dr.Jit looks for it)
 
-from urushi.adapters.mitsuba import complete, plugin  # noqa: E402
+from urushi.adapters.mitsuba import complete, fourier, plugin  # noqa: E402
 
 _CALLBACK = "_urushi_registers"
 
 
 def _on_variant(*_: Any) -> None:
     if mi.variant() is not None:
-        for module in (plugin, complete):
+        for module in (plugin, complete, fourier):
             module.register(mi)
 
 

@@ -62,7 +62,7 @@ def write_fourier(table: FourierTable, path: str | os.PathLike[str]) -> None:
         raise MaterialError(f"found a {type(table).__name__}; allowed: a FourierTable")
     name = _printable(path)
     try:
-        replace(Path(os.path.realpath(os.fsdecode(path))), _packed(table))
+        replace(Path(os.path.realpath(os.fsdecode(path))), packed(table))
     except MaterialError as error:
         raise MaterialError(error.problem, where=error.where, file=name) from None
     except (OSError, ValueError, TypeError) as error:
@@ -140,7 +140,8 @@ def _split(counts: np.ndarray, positions: np.ndarray, bases: int) -> tuple[np.nd
     return tuple(np.split(positions, np.cumsum(lengths)[:-1])) if lengths else ()
 
 
-def _packed(table: FourierTable) -> bytes:
+def packed(table: FourierTable) -> bytes:
+    """The whole file as bytes."""
     n = len(table.nodes)
     head = _HEADER.pack(
         _IDENTIFIER,

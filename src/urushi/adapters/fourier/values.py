@@ -38,14 +38,16 @@ def evaluate(table: FourierTable, wi: Any, wo: Any, *, mode: str = "radiance") -
     incident, w_i = _spline(table, wi[:, 2])
     outgoing, w_o = _spline(table, -wo[:, 2])
     phi = np.arctan2(wi[:, 0] * wo[:, 1] - wi[:, 1] * wo[:, 0], -(wi[:, :2] * wo[:, :2]).sum(axis=1))
+    # A vertical direction has no azimuth: the value is the mean over all.
+    upright = (wi[:, :2] ** 2).sum(axis=1) * (wo[:, :2] ** 2).sum(axis=1) < 1e-30
     sums = np.zeros((len(wi), table.channels))
     for a, b in product(range(4), range(4)):
         counts = table.counts[incident[:, a], outgoing[:, b]].astype(np.int64)
         offsets = table.offsets[incident[:, a], outgoing[:, b]].astype(np.int64)
         weight = w_i[:, a] * w_o[:, b]
-        counts[weight == 0] = 0
-        for k in range(int(counts.max(initial=0))):
-            on = np.nonzero(counts > k)[0]
+        orders = np.where(weight == 0, 0, np.where(upright, np.minimum(counts, 1), counts))
+        for k in range(int(orders.max(initial=0))):
+            on = np.nonzero(orders > k)[0]
             wave = weight[on] * np.cos(k * phi[on])
             for channel in range(table.channels):
                 sums[on, channel] += wave * table.coefficients[offsets[on] + channel * counts[on] + k]
