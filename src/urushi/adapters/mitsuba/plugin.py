@@ -40,7 +40,7 @@ from urushi.solvers import PLANNED, SOLVERS
 from urushi.solvers.walk import reasons_against
 from urushi.solvers.walk.core import WalkCore
 from urushi.solvers.walk.derivative import bind_live
-from urushi.solvers.walk.smooth import has_delta
+from urushi.solvers.smooth import has_delta
 
 from .nested import read_children
 from .surface import Surface

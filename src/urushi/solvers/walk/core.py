@@ -11,9 +11,10 @@ import drjit as dr
 from ...optics.random import generator
 from ...optics.vectors import Array, Vector, float_type
 from ..bound import BoundStack
+from ..direct import direct, direct_is_certain
 from .proposal import propose
 from .trace import trace
-from .walk import direct, direct_is_certain, estimate
+from .walk import estimate
 
 
 @dataclass

@@ -4,10 +4,7 @@ What a walk samples has no closed density, and a renderer that weighs it against
 direction is drawn from lobes that cover whatever the stack can do (one reflection lobe an interface, one transmitted
 lobe, a cosine lobe on each side, and the delta parts), and the walk then says what that direction is worth. The
 guess behind the lobes (energies by a single pass through the stack, widths by adding variances of slope, after Belcour
-2018) decides the noise only, never the mean.
-
-A lobe is the reflection of a GGX surface, sampled by visible normals; the part that would end below the horizon is
-folded back up, so that every lobe, and the mixture, integrates to one.
+2018) decides the noise only, never the mean. A lobe (`solvers.facet_lobe`) is the reflection of a GGX surface.
 """
 
 from __future__ import annotations
@@ -26,13 +23,11 @@ from ...optics.vectors import (
     at_least,
     at_most,
     channels,
-    cosine_hemisphere,
-    mirror,
-    reflect,
     total,
 )
 from ..bound import BoundStack
-from .smooth import cosines, has_delta, smooth_energy, snell
+from ..facet_lobe import Lobe
+from ..smooth import cosines, has_delta, smooth_energy, snell
 
 #: share of the samples that every side light can leave on gets as a cosine lobe, whatever the guess
 FLOOR = 0.1
@@ -40,39 +35,6 @@ FLOOR = 0.1
 MOST = 4
 #: narrowest and widest lobe
 NARROW, WIDE = 1e-3, 1.0
-
-
-@dataclass
-class Lobe:
-    """One lobe on one side: `share` of the samples, `facets` seen from `axis` (z > 0; None: a cosine lobe)."""
-
-    share: Array
-    up: bool
-    axis: Vector | None = None
-    facets: Microfacets | None = None
-    frame: Frame | None = None
-
-    def sample(self, like: Vector, u1: Array, u2: Array) -> Vector:
-        if self.facets is None or self.axis is None or self.frame is None:
-            o = cosine_hemisphere(u1, u2, like)
-        else:
-            w = self.frame.enter(self.axis)
-            o = self.frame.leave(reflect(w, self.facets.sample(w, u1, u2)))
-        z = dr.abs(o.z)
-        return type(like)(o.x, o.y, z if self.up else -z)
-
-    def pdf(self, o: Vector) -> Array:
-        """Density of `o`, for directions on the side of the lobe."""
-        z = dr.abs(o.z)
-        if self.facets is None or self.axis is None or self.frame is None:
-            return z * dr.inv_pi
-        w = self.frame.enter(self.axis)
-        up = self.frame.enter(type(o)(o.x, o.y, z))
-        scale = dr.rcp(4 * at_least(self.facets.sigma(w), 1e-20))
-        folded = dr.normalize(w + mirror(up))
-        density = self.facets.density(dr.normalize(w + up))
-        density = density + dr.select(folded.z > 0, self.facets.density(folded), 0)
-        return density * scale
 
 
 @dataclass

@@ -16,9 +16,9 @@ from urushi.stack import Stack
 from ...optics.vectors import channels
 from ..bsdf import BSDF, Sample, directions, random_numbers, same_count
 from ..numbers import gather_numbers
+from ..smooth import has_delta
 from .core import WalkCore
 from .derivative import bind_live
-from .smooth import has_delta
 
 #: samples that one lane takes in a row; sums are then added in double precision, in an order that depends on the
 #: number of samples alone, so that splitting a batch changes nothing

@@ -26,6 +26,7 @@ from ...media import entry_height, inverse_cosine
 from ...optics.random import Generator, uniform
 from ...optics.vectors import Array, Vector, at_least, at_most, channels, mirror, negate, peak
 from ..bound import CALM, BoundStack
+from ..direct import direct, direct_is_certain
 from .derivative import MOST_SWEEPS, relative, run
 from .exit import DELTA, Exit, flux_back, sample_exit
 
@@ -35,27 +36,6 @@ State = dict[str, Any]
 ROULETTE = 0.37
 #: the same where a medium scatters: there every flight counts all collisions on its way, so paths may end sooner
 ROULETTE_SCATTERING = 0.7
-
-
-def direct(stack: BoundStack, wi: Vector, wo: Vector, rng: Generator | None = None) -> Array:
-    """Flux density of the light that meets one interface only; no randomness in it, unless in the interface itself."""
-    top, bottom = stack.interfaces[0], stack.interfaces[-1]
-    value = dr.select((wi.z > 0) & (wo.z > 0), top.reflect(wi, wo, above=True, rng=rng)[0], 0)
-    if stack.opaque:
-        return value
-    wi_low, wo_low = mirror(wi), mirror(wo)
-    value = dr.select((wi.z < 0) & (wo.z < 0), bottom.reflect(wi_low, wo_low, above=False, rng=rng)[0], value)
-    if len(stack.interfaces) == 1:
-        value = dr.select((wi.z > 0) & (wo.z < 0), top.transmit(wi, wo, above=True, rng=rng)[0], value)
-        value = dr.select(
-            (wi.z < 0) & (wo.z > 0), top.transmit(wi_low, wo_low, above=False, rng=rng)[0], value
-        )
-    return value
-
-
-def direct_is_certain(stack: BoundStack) -> bool:
-    """Whether `direct` needs no random numbers."""
-    return not (stack.interfaces[0].stochastic or stack.interfaces[-1].stochastic)
 
 
 def estimate(

@@ -8,10 +8,10 @@ from __future__ import annotations
 
 import drjit as dr
 
-from ...adding import Slab, add
-from ...media import inverse_cosine
-from ...optics.vectors import Array, Vector, at_most, root
-from ..bound import BoundStack
+from ..adding import Slab, add
+from ..media import inverse_cosine
+from ..optics.vectors import Array, Vector, at_most, root
+from .bound import BoundStack
 
 
 def has_delta(stack: BoundStack) -> bool:
