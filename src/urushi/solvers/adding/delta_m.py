@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from .phase import Phase
+from .phase import Phase, resolved, terms
 
 
 @dataclass(frozen=True)
@@ -45,7 +45,19 @@ class Truncated:
         chi, sign = chi[:count], sign[:count]
         return cls((chi - forward - backward * sign) / (1 - forward), forward, backward / (1 - forward))
 
+    @classmethod
+    def fit(cls, phase: Phase, mu: np.ndarray, weights: np.ndarray, tolerance: float = 1e-9) -> Truncated:
+        """As many terms as the phase function needs, and no more than the nodes of a region resolve.
+
+        Args:
+            phase: the phase function.
+            mu, weights: (n,) the nodes.
+            tolerance: what may be left out, relative to the peak of the phase function.
+        """
+        return cls.of(phase, min(terms(phase, tolerance), resolved(mu, weights)))
+
     def scale(self, depth: Any, albedo: Any) -> tuple[Any, Any]:
-        """Depth and albedo of the same medium in which the forward peak is not counted as scattering."""
+        """Depth and albedo of the same medium, the forward peak not counted as scattering: numbers or arrays (C,)."""
+        depth, albedo = np.asarray(depth, float), np.asarray(albedo, float)
         left = 1 - albedo * self.forward
         return depth * left, np.where(left > 0, albedo * (1 - self.forward) / np.where(left > 0, left, 1), 0)

@@ -91,6 +91,26 @@ def terms(phase: Phase, tolerance: float) -> int:
     return int(np.argmax(left <= tolerance * left[0])) if left[-1] <= tolerance * left[0] else MOST_TERMS
 
 
+def resolved(mu: np.ndarray, weights: np.ndarray, tolerance: float = 1e-4) -> int:
+    """How many terms of a series the nodes of a region can tell apart.
+
+    Beyond, sums over the nodes make light of terms whose integrals are 0: the quadrature knows every even P_l below the
+    number returned to `tolerance`. A little more or less changes little; half as much again, and light comes from
+    nothing.
+
+    Args:
+        mu, weights: (n,) the nodes of the region.
+        tolerance: allowed sum of (2 l + 1) P_l over the nodes.
+    """
+    most = min(4 * len(mu), MOST_TERMS)
+    before, now = np.ones_like(mu), mu
+    for l in range(2, most):  # noqa: E741
+        before, now = now, ((2 * l - 1) * mu * now - (l - 1) * before) / l
+        if l % 2 == 0 and abs((2 * l + 1) * (weights @ now)) > tolerance:
+            return l
+    return most
+
+
 def harmonics(mu: np.ndarray, count: int, orders: range) -> np.ndarray:
     """Normalised associated Legendre functions Y_l^m, bounded by 1, without the sign (-1)^m.
 
