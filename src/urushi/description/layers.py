@@ -43,6 +43,15 @@ MultipleScattering = Annotated[
         hint="say which model",
     ),
 ]
+WalkedOnly = Annotated[
+    Literal[False, "walk"],
+    Choice(
+        False,
+        "walk",
+        meaning="scattering between the facets: none, or a random walk on them",
+        hint="say which model",
+    ),
+]
 NormalVector = Annotated[
     tuple[float, float, float] | Texture | None,
     Normal(-1.0, 1.0, size=3, meaning="shading normal in the tangent frame (none: the surface's own)"),
@@ -58,6 +67,16 @@ Rotation = Annotated[
         why_one="one rotation serves every colour",
     ),
 ]
+
+
+def _walk_on_correlated_heights(values: Mapping[str, Any]) -> None:
+    """A walk between facets knows at which height it is, and what it sees from there."""
+    if values["multiple_scattering"] == "walk" and values["masking"] == "separable":
+        raise MaterialError(
+            "found masking 'separable' and multiple_scattering 'walk', which walks on height-correlated facets; "
+            "allowed: masking 'correlated', or another multiple_scattering",
+            where="masking",
+        )
 
 
 class Layer(Description):
@@ -79,7 +98,7 @@ class Dielectric(Layer):
         ior: absolute index of the material below the interface, 1 (air) to 5.
         alpha: microfacet roughness: 0 (smooth) or 1e-4 to 1, or a pair along x and y.
         distribution: "ggx" or "beckmann".
-        masking: "correlated" or "separable" Smith masking-shadowing.
+        masking: "correlated" or "separable" Smith masking-shadowing ("walk" takes "correlated" only).
         multiple_scattering: False, "walk" or "compensated".
         normal: shading normal, a vector in the tangent frame or a normal map (None: the surface's own).
         rotation: rotation of the tangent frame about the normal in degrees.
@@ -106,6 +125,11 @@ class Dielectric(Layer):
     multiple_scattering: MultipleScattering = False
     normal: NormalVector = None
     rotation: Rotation = 0.0
+
+    @classmethod
+    def check(cls, values: Mapping[str, Any]) -> None:
+        """A masking that the walk has."""
+        _walk_on_correlated_heights(values)
 
 
 class _ConductorName(Rule):
@@ -144,7 +168,7 @@ class Conductor(Layer):
         k: imaginary part, 0 to 30, one number or RGB; eta and k cannot both be 0.
         alpha: microfacet roughness: 0 (smooth) or 1e-4 to 1, or a pair along x and y.
         distribution: "ggx" or "beckmann".
-        masking: "correlated" or "separable" Smith masking-shadowing.
+        masking: "correlated" or "separable" Smith masking-shadowing ("walk" takes "correlated" only).
         multiple_scattering: False, "walk" or "compensated".
         normal: shading normal, a vector in the tangent frame or a normal map (None: the surface's own).
         rotation: rotation of the tangent frame about the normal in degrees.
@@ -173,7 +197,8 @@ class Conductor(Layer):
 
     @classmethod
     def check(cls, values: Mapping[str, Any]) -> None:
-        """A material or both numbers, and an index that is not 0."""
+        """A material or both numbers, and an index that is not 0; a masking that the walk has."""
+        _walk_on_correlated_heights(values)
         named = values["material"] is not None
         given = [name for name in ("eta", "k") if values[name] is not None]
         if named and given:
@@ -198,10 +223,14 @@ class Conductor(Layer):
 
 
 class Diffuse(Layer):
-    """A Lambertian base: opaque, scatters equally into all directions.
+    """A Lambertian base: opaque, scatters equally into all directions; rough, it has facets that do so.
 
     Args:
-        reflectance: fraction of the light that returns, 0 to 1, one number or RGB.
+        reflectance: fraction of the light that returns (from each facet), 0 to 1, one number or RGB.
+        alpha: roughness: 0 (Lambert's surface) or 1e-4 to 1, or a pair along x and y.
+        distribution: "ggx" or "beckmann".
+        multiple_scattering: False or "walk".
+        rotation: rotation of the tangent frame about the normal in degrees.
         normal: shading normal, a vector in the tangent frame or a normal map (None: the surface's own).
 
     Raises:
@@ -228,6 +257,19 @@ class Diffuse(Layer):
         ),
     ] = 0.5
     normal: NormalVector = None
+    alpha: Annotated[
+        float | tuple[float, float] | Texture,
+        Roughness(
+            0.0,
+            1.0,
+            size=2,
+            meaning="roughness: the slope of the facets, along x and y if two",
+            source="Lambert",
+        ),
+    ] = 0.0
+    distribution: Distribution = "ggx"
+    multiple_scattering: WalkedOnly = False
+    rotation: Rotation = 0.0
 
 
 class Medium(Layer):

@@ -30,12 +30,17 @@ from .conductor import BoundConductor
 from .dielectric import BoundDielectric
 from .diffuse import BoundDiffuse
 from .null import Null
+from .rough_diffuse import RoughDiffuse
+from .walked import WalkedConductor, WalkedDielectric
 
 #: the class that binds the numbers of each described interface, by its kind and its `multiple_scattering`
 INTERFACES: dict[tuple[str, Any], Any] = {
     ("dielectric", False): BoundDielectric,
     ("conductor", False): BoundConductor,
-    ("diffuse", False): BoundDiffuse,
+    ("diffuse", False): RoughDiffuse,
+    ("dielectric", "walk"): WalkedDielectric,
+    ("conductor", "walk"): WalkedConductor,
+    ("diffuse", "walk"): RoughDiffuse,
 }
 
 
@@ -51,6 +56,9 @@ __all__ = [
     "BoundDiffuse",
     "Interface",
     "Null",
+    "RoughDiffuse",
     "Scatter",
+    "WalkedConductor",
+    "WalkedDielectric",
     "key",
 ]

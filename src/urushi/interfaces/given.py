@@ -58,7 +58,7 @@ class Given:
             if delta is True:
                 return None, True
             x, y = at_least(x, SMALLEST), at_least(y, SMALLEST)
-        return Microfacets(x, y, self.layer.distribution, self.layer.masking), delta
+        return Microfacets(x, y, self.layer.distribution, getattr(self.layer, "masking", "correlated")), delta
 
     def frame(self) -> Frame:
         """The rotation of the tangent frame, unless the roughness is the same in all directions."""

@@ -128,11 +128,15 @@ class Microfacets:
             newton = b - value / (0.5 * (1 - x * tan))
             # The bounds themselves are allowed: that is where a converged step ends.
             b = dr.select((newton >= low) & (newton <= high), newton, 0.5 * (low + high))
-        x = dr.erfinv(b)
+        return self._from_slopes(s, dr.erfinv(b), u2)
+
+    def _from_slopes(self, s: Vector, x: Array, u2: Array) -> Vector:
+        """The normal of slope x along the stretched view s, and any slope across it, of a Beckmann surface."""
+        limit = 1 - 1e-6
         y = dr.erfinv(at_most(at_least(2 * u2 - 1, -limit), limit))
         length = at_least(dr.sqrt(dr.square(s.x) + dr.square(s.y)), 1e-20)
         turned = length > 1e-10
         c = dr.select(turned, s.x / length, 1.0)
         n = dr.select(turned, s.y / length, 0.0)
         slope_x, slope_y = c * x - n * y, n * x + c * y
-        return dr.normalize(type(w)(-self.alpha_x * slope_x, -self.alpha_y * slope_y, 1 + 0 * slope_x))
+        return dr.normalize(type(s)(-self.alpha_x * slope_x, -self.alpha_y * slope_y, 1 + 0 * slope_x))
