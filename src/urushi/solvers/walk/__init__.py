@@ -5,8 +5,8 @@ light through interfaces and media, without caring where along the surface it wa
 would leave along wo. The mean of many paths is the truth, whatever the layers; the rest is variance.
 
     walk       one path and what it says about f(wi, wo)            exit     where a path must head to leave along wo
-    trace      one path and where its light ends up                 smooth   the delta parts, exactly
-    proposal   where to send samples: a mixture of known density    core     all of it, as a BSDF on Dr.Jit arrays
+    trace      one path and where its light ends up                 core     all of it, as a BSDF on Dr.Jit arrays
+    proposal   where to send samples: a mixture of known density
 
 Sources: Pharr & Hanrahan 2000; Guo, Hasan & Zhao 2018.
 """
@@ -28,10 +28,9 @@ def reasons_against(stack: Stack) -> list[str]:
     """What of this stack the walk cannot do; empty if it can."""
     reasons = []
     for i, layer in enumerate(stack.layers):
-        if getattr(layer, "multiple_scattering", False):
+        if getattr(layer, "multiple_scattering", False) == "compensated":
             reasons.append(
-                f"layers[{i}].multiple_scattering is {layer.multiple_scattering!r}, and interfaces with scattering "  # type: ignore[attr-defined]
-                "between their facets are not there yet: use False"
+                f"layers[{i}].multiple_scattering is 'compensated', which is not there yet: use 'walk' or False"
             )
         if getattr(layer, "normal", None) is not None:
             reasons.append(
