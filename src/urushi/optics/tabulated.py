@@ -29,6 +29,10 @@ class Tabulated:
     Args:
         series: the tables.
         number: type of one number per lane: a Dr.Jit float array, or `float`.
+
+    Attributes:
+        size, channels: how many nodes and channels there are.
+        lit: (2, 2) whether light from below and from above (first index) leaves below and above (second).
     """
 
     def __new__(cls, series: Series, number: type) -> Tabulated:
@@ -37,6 +41,8 @@ class Tabulated:
     def __init__(self, series: Series, number: Any) -> None:
         self.number = number
         self.size, self.channels = len(series.nodes), series.channels
+        sides = [series.flux[:, sign * series.nodes > 0].any(axis=(1, 2)) for sign in (-1, 1)]
+        self.lit = np.stack(sides)[:, ::-1]
         # Channels side by side, in a width that one gather fetches.
         self.stride = 4 if series.channels == 3 else series.channels
         rows = np.zeros((len(series.coefficients), self.stride))

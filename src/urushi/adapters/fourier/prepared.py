@@ -15,7 +15,6 @@ from urushi.optics.tabulated import Tabulated
 from .file import packed
 from .table import FourierTable
 
-_SERIES: weakref.WeakValueDictionary[Any, Series] = weakref.WeakValueDictionary()
 _TABULATED: weakref.WeakValueDictionary[Any, Tabulated] = weakref.WeakValueDictionary()
 #: numbers that a Dr.Jit index reaches
 _REACH = 2**32
@@ -46,13 +45,10 @@ def prepared(table: FourierTable, luminance: bool = False) -> Series:
     return prepare(table.nodes, starts, counts, np.stack(rows, axis=1))
 
 
-def tabulated(table: FourierTable, number: type, luminance: bool = False) -> tuple[Series, Tabulated]:
-    """The same in Dr.Jit arrays of a float type; equal tables share what is alive of them."""
-    key = hashlib.blake2b(packed(table)).digest(), luminance
-    series = _SERIES.get(key)
-    if series is None:
-        series = _SERIES[key] = prepared(table, luminance)
-    tables = _TABULATED.get((key, number))
+def tabulated(table: FourierTable, number: type, luminance: bool = False) -> Tabulated:
+    """The same in Dr.Jit arrays of a float type; equal tables share them as long as someone has them."""
+    key = hashlib.blake2b(packed(table)).digest(), luminance, number
+    tables = _TABULATED.get(key)
     if tables is None:
-        tables = _TABULATED[key, number] = Tabulated(series, number)
-    return series, tables
+        tables = _TABULATED[key] = Tabulated(prepared(table, luminance), number)
+    return tables

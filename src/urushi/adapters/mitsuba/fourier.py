@@ -49,7 +49,7 @@ def make_plugin(mi: Any) -> Any:
             if not 0 < self.eta < math.inf:
                 where = f"{props.id() or 'fourier'}.eta"
                 raise MaterialError(f"found {self.eta}; allowed: a positive number", where=where)
-            series, self.tables = tabulated(self.table, mi.Float, luminance="mono" in mi.variant())
+            self.tables = tabulated(self.table, mi.Float, luminance="mono" in mi.variant())
             flags = mi.BSDFFlags
             bent = flags.NonSymmetric if self.eta != 1 else 0
             self._parts: dict[bool, tuple[int, Any]] = {}
@@ -58,7 +58,7 @@ def make_plugin(mi: Any) -> Any:
                 (True, flags.GlossyReflection, 0),
                 (False, flags.GlossyTransmission, bent),
             ):
-                sides = _sides(flags, series, reflects)
+                sides = _sides(flags, self.tables.lit, reflects)
                 if sides:
                     self._parts[reflects] = len(components), kind
                     components.append(kind | sides | extra)
@@ -68,7 +68,7 @@ def make_plugin(mi: Any) -> Any:
                 self.m_flags |= component
             # The spectra of the primaries; colours are mixtures of them.
             self._primaries = []
-            if "spectral" in mi.variant() and series.channels == 3:
+            if "spectral" in mi.variant() and self.tables.channels == 3:
                 unit = ([1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0])
                 self._primaries = [mi.load_dict({"type": "rgb", "value": value}) for value in unit]
 
@@ -173,12 +173,10 @@ def _described(mi: Any, props: Any) -> tuple[str, FourierTable, list[float]]:
     return name, blended(table, point) if point else table, point
 
 
-def _sides(flags: Any, series: Any, reflects: bool) -> Any:
+def _sides(flags: Any, lit: Any, reflects: bool) -> Any:
     """The sides from which light is reflected or transmitted at all."""
     found = 0
-    for side, flag in ((1, flags.FrontSide), (-1, flags.BackSide)):
-        # Light from above that is reflected leaves with a negative cosine.
-        leaving = series.flux[0 if (side > 0) == reflects else 1]
-        if (leaving[side * series.nodes > 0] != 0).any():
+    for side, flag in ((1, flags.FrontSide), (0, flags.BackSide)):
+        if lit[side, side if reflects else 1 - side]:
             found |= flag
     return found
