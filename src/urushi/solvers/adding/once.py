@@ -1,0 +1,118 @@
+"""Light scattered exactly once in the medium next to a smooth or absent interface, in closed form on Dr.Jit arrays.
+
+    k_R = a p mu_o / (mu_i + mu_o) (1 - exp(-tau (1/mu_i + 1/mu_o)))
+    k_T = a p tau / mu_i exp(-tau / mu_max) (1 - exp(-x)) / x,       x = tau (1/mu_min - 1/mu_max)
+
+inside (Chandrasekhar 1950; `single` is the same on the nodes), and both ways through the interface by Fresnel. It holds
+the peak of the phase function and what is not smooth where both directions graze.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import drjit as dr
+import numpy as np
+
+from ...media import BoundMedium, inverse_cosine
+from ...optics.vectors import Array, Vector, at_least, at_most, channels
+from ..bound import BoundStack
+from ..smooth import snell
+
+
+def covers(stack: BoundStack, from_above: bool, to_above: bool) -> bool:
+    """Whether there is such light: the interfaces it crosses are smooth, and it meets one medium, which scatters."""
+    if from_above != to_above and len(stack.interfaces) != 2:
+        return False
+    for above in {from_above, to_above}:
+        interface, medium = _outer(stack, above)
+        if interface.opaque or interface.delta is not True or medium is None or not medium.scatters:
+            return False
+    return True
+
+
+@dataclass
+class Once:
+    """Such light.
+
+    Attributes:
+        stack: the stack with its numbers.
+        attenuation: by region, factor on the optical depth: what of the medium's extinction the solver saw (delta-M);
+            1 where there is none. A number or one per colour.
+    """
+
+    stack: BoundStack
+    attenuation: dict[int, Array]
+
+    def eval(self, wi: Vector, wo: Vector) -> Array:
+        """Flux density from wi to wo, on any sides."""
+        value: Array = 0 * wi.x
+        sides = (True,) if self.stack.opaque else (True, False)
+        for from_above in sides:
+            for to_above in sides:
+                if covers(self.stack, from_above, to_above):
+                    here = ((wi.z > 0) if from_above else (wi.z < 0)) & (
+                        (wo.z > 0) if to_above else (wo.z < 0)
+                    )
+                    value = dr.select(here, self._part(wi, wo, from_above, to_above), value)
+        return value
+
+    def _part(self, wi: Vector, wo: Vector, from_above: bool, to_above: bool) -> Array:
+        _, medium = _outer(self.stack, from_above)
+        assert medium is not None
+        i, t_i = self._inside(wi, from_above)
+        o, t_o = self._inside(wo, to_above)
+        left = self.attenuation.get(1 if from_above else len(self.stack.interfaces) - 1, 1.0)
+        depth, albedo = medium.depth * left, medium.albedo * (1 / left)
+        mu_i, mu_o = at_least(dr.abs(i.z), 1e-9), at_least(dr.abs(o.z), 1e-9)
+        scattered = albedo * medium.phase.eval(-i, o)
+        if from_above == to_above:
+            # 1 - exp(-x) = x faded(x)
+            inv = inverse_cosine(i.z) + inverse_cosine(o.z)
+            share = (depth * inv) * faded(depth * inv) / (mu_i + mu_o)
+        else:
+            low, high = at_most(mu_i, mu_o), at_least(mu_i, mu_o)
+            x = depth * ((high - low) / (low * high))
+            share = dr.exp(-depth / high) * faded(x) * depth / (low * high)
+        index = self.stack.indices
+        near, outside = (index[1], index[0]) if to_above else (index[-2], index[-1])
+        # mu_o inside cancels against the solid angle outside over that inside.
+        return scattered * share * (t_i * t_o * dr.square(outside / near) * dr.abs(wo.z))
+
+    def _inside(self, w: Vector, above: bool) -> tuple[Vector, Array]:
+        """The direction behind the interface on the same side (pointing away), and what it lets through."""
+        interface, _ = _outer(self.stack, above)
+        index = self.stack.indices
+        ratio = index[0] / index[1] if above else index[-1] / index[-2]
+        cos = snell(w, ratio)
+        through = interface.smooth_energy(dr.abs(w.z), above)[1]
+        return type(w)(w.x * ratio, w.y * ratio, cos if above else -cos), through
+
+
+def faded(x: Array) -> Array:
+    """(1 - exp(-x)) / x for x >= 0, to all digits."""
+    if channels(x):
+        return type(x)(*(faded(c) for c in x))
+    half = dr.tanh(0.5 * x)
+    # 1 - exp(-x) = 2 t / (1 + t) with t = tanh(x / 2), which loses nothing
+    whole = 2 * half / ((1 + half) * at_least(x, 1e-20))
+    return dr.select(x > 1e-10, whole, 1 - 0.5 * x)
+
+
+def _outer(stack: BoundStack, above: bool) -> tuple[Any, BoundMedium | None]:
+    """The outermost interface of a side and the medium behind it."""
+    last = len(stack.interfaces) - 1
+    if last == 0:
+        return stack.interfaces[0], None
+    return (stack.interfaces[0], stack.media[1]) if above else (stack.interfaces[-1], stack.media[last])
+
+
+def attenuation(stack: BoundStack, forward: dict[int, float]) -> dict[int, Array]:
+    """1 - a f by region, with f the share of the scattered light that the solver counts as not scattered (delta-M)."""
+    found = {}
+    for region, share in forward.items():
+        medium = stack.media[region]
+        if medium is not None and np.any(share):
+            found[region] = 1 - medium.albedo * share
+    return found
