@@ -115,7 +115,7 @@ def _integrate(
         error = float(np.max(np.abs(halves - whole))) / 15
         if error <= tolerance:
             tau = layer.depth if step >= layer.depth - tau else tau + step
-            state = halves
+            state = halves + (halves - whole) / 15
         step *= min(max(0.9 * (tolerance / max(error, 1e-300)) ** 0.2, 0.2), 4.0)
     return state[0], state[1]
 
