@@ -26,6 +26,7 @@ from __future__ import annotations
 from typing import Any
 
 from .base import Interface, Scatter
+from .compensated import CompensatedConductor
 from .conductor import BoundConductor
 from .dielectric import BoundDielectric
 from .diffuse import BoundDiffuse
@@ -41,6 +42,7 @@ INTERFACES: dict[tuple[str, Any], Any] = {
     ("dielectric", "walk"): WalkedDielectric,
     ("conductor", "walk"): WalkedConductor,
     ("diffuse", "walk"): RoughDiffuse,
+    ("conductor", "compensated"): CompensatedConductor,
 }
 
 
@@ -54,6 +56,7 @@ __all__ = [
     "BoundConductor",
     "BoundDielectric",
     "BoundDiffuse",
+    "CompensatedConductor",
     "Interface",
     "Null",
     "RoughDiffuse",

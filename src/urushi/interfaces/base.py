@@ -46,7 +46,7 @@ class Interface(ABC):
     delta: Any = False
     stochastic: bool = False
     #: the same boundary without what its facets send to one another, if this adds it as a lobe
-    single: Interface | None = None
+    single: Any = None
 
     @classmethod
     @abstractmethod

@@ -219,7 +219,7 @@ def _beyond(interface: Interface, directions: NDArray[np.float64], above: bool, 
     def term(i: Array) -> tuple[Array, Array]:
         s, turn = point(i)
         # As much of the range for each octave of cosines: what is missing falls off as their inverse square.
-        scale = alpha * dr.exp(np.log1p(1 / alpha) * s)
+        scale = alpha * dr.exp(float(np.log1p(1 / alpha)) * s)
         cos, slope = scale - alpha, scale * float(np.log1p(1 / alpha))
         sin = root((1 - cos) * (1 + cos))
         sin_phi, cos_phi = dr.sincos(2 * dr.pi * turn)

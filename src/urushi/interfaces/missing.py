@@ -1,0 +1,95 @@
+"""How much light single scattering between facets loses, from tables, for one bound interface."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import drjit as dr
+
+from ..optics.microfacet import Microfacets
+from ..optics.vectors import Array, Vector, at_least, at_most, float_type
+from .tables import Table, of_cosine, of_index, of_ratio, of_roughness, table
+
+
+class Missing:
+    """What a rough surface loses of the light from a direction, and on the average over all.
+
+    Args:
+        facets: the surface.
+        eta: index below over index above; None for a perfect mirror.
+        even: whether the surface is known to be isotropic: a finer table, and cheaper to look into.
+        number: type of the numbers (a Dr.Jit float or `float`).
+    """
+
+    def __init__(self, facets: Microfacets, eta: Array | None, even: bool, number: Any) -> None:
+        self.even = even
+        self.number = number
+        self.eta = None if eta is None else number(eta)
+        self.model = "ggx" if facets.ggx else "beckmann"
+        self.model += "_correlated" if facets.correlated else "_separable"
+        self.kind = ("" if even else "brushed_") + ("metal" if eta is None else "glass")
+        x, y = facets.alpha_x, facets.alpha_y
+        self.larger = number(x) if even else number(at_least(x, y))
+        self.alpha = self.larger if even else number(dr.sqrt(x * y))
+        self.index = None if self.eta is None else of_index(self.eta)
+        self.place: list[Array] = [of_roughness(self.larger)]
+        if not even:
+            self.place.append(of_ratio(number(x), number(y)))
+            self.wide = x >= y
+        self.table: Table = table(self.kind, self.model, number)
+
+    def _index(self, above: Any) -> list[Array]:
+        """Coordinate of the index that lies beyond, seen from a side: the axis is its own mirror image."""
+        if self.index is None:
+            return []
+        if isinstance(above, bool):
+            return [self.index if above else 1 - self.index]
+        return [dr.select(above, self.index, 1 - self.index)]
+
+    def __call__(self, w: Vector, above: Any) -> Array:
+        """The part of the light from w that is lost.
+
+        Args:
+            w: in the frame of the roughness, z of either sign.
+            above: whether w is on the upper side; True, False or a mask.
+        """
+        polar = of_cosine(dr.abs(w.z), self.alpha)
+        place = [*self._index(above), *self.place]
+        if not self.even:
+            x, y = dr.abs(w.x), dr.abs(w.y)
+            along, across = dr.select(self.wide, x, y), dr.select(self.wide, y, x)
+            # Along the normal there is no azimuth, and none is needed.
+            place.append(dr.atan2(across, at_least(along, 1e-12)) * (2 / math.pi))
+        return self.table(*place, polar)
+
+    def mean(self, above: bool) -> Array:
+        """The same for light from the whole hemisphere, by cosine; above 0."""
+        means = table(f"mean_{self.kind}", self.model, self.number)
+        place = [*self._index(above), *self.place]
+        if len(place) < len(means.shape):
+            place = [0 * place[0], *place]
+        return dr.square(self.larger) * means(*place)
+
+    def exchanged(self) -> tuple[Array, Array]:
+        """How much of what is lost is transmitted, of light from above and from below.
+
+        Reciprocity ties the two: t1 M1 n1^2 = t2 M2 n2^2, with M the mean losses. The one number that is left, that
+        over the smaller of M1 n1^2 and M2 n2^2, is the one of a random walk among the facets.
+        """
+        assert self.index is not None and self.eta is not None
+        shares = table("shares", self.model, self.number)
+        share = shares(2 * dr.abs(self.index - 0.5), of_roughness(self.alpha))
+        one, other = self.mean(True), dr.square(self.eta) * self.mean(False)
+        exchanged = share * at_most(one, other)
+        return exchanged / one, exchanged / other
+
+
+def number_of(*values: Array) -> Any:
+    """The type of a plain number made of these: the widest of theirs."""
+    product: Any = 1.0
+    for value in values:
+        product = product * (dr.detach(value) if dr.is_array_v(value) else value)
+    if not dr.is_array_v(product):
+        return float
+    return float_type(product) if dr.depth_v(product) > 1 else type(product)
