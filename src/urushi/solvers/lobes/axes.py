@@ -1,0 +1,63 @@
+"""The axes of the tables: where their nodes lie, so that linear interpolation between few of them is good.
+
+Every axis runs over u in [0, 1]. Cosines and roughnesses are squares of u: what changes does so near 0. Seen from the
+denser side, cosines are counted from the critical angle, where Snell's law has a root:
+
+    u > 1/2   cos^2 = cos_c^2 + eta^2 (2 u - 1)^2      2 u - 1 is the cosine beyond the boundary
+    u < 1/2   cos^2 = cos_c^2 (1 - (1 - 2 u)^2)        total reflection
+"""
+
+from __future__ import annotations
+
+import drjit as dr
+import numpy as np
+
+from ...optics.vectors import Array, at_least, at_most, root
+
+#: nodes along index, roughness, width of the incident light, cosine
+INDICES, ROUGHNESSES, WIDTHS, COSINES = 15, 10, 9, 17
+#: the largest ratio of two indices, and the nearest to 1 that is told from it
+LARGEST, SMALLEST = 5.0, 1.004
+#: (n - 1) / (n + 1) of the largest ratio
+REACH = (LARGEST - 1) / (LARGEST + 1)
+
+
+def ratios() -> np.ndarray:
+    """Index ratios n > 1 of the nodes."""
+    q = np.maximum(np.linspace(0, REACH, INDICES), (SMALLEST - 1) / (SMALLEST + 1))
+    return np.asarray((1 + q) / (1 - q))
+
+
+def squares(count: int) -> np.ndarray:
+    """Nodes of an axis of squares."""
+    return np.linspace(0, 1, count) ** 2
+
+
+def cosines(eta: float, count: int = COSINES) -> np.ndarray:
+    """Cosines of the nodes for light that sees the index ratio eta (below 1 from the denser side)."""
+    u = np.linspace(0, 1, count)
+    if eta >= 1:
+        return np.maximum(u**2, 1e-4)
+    critical = 1 - eta**2
+    beyond = np.square(2 * u - 1)
+    return np.sqrt(np.maximum(np.where(u > 0.5, critical + eta**2 * beyond, critical * (1 - beyond)), 1e-8))
+
+
+def along_cosine(cos: Array, eta: Array) -> Array:
+    """u of a cosine."""
+    excess = dr.square(cos) - (1 - dr.square(eta))
+    critical = at_least(1 - dr.square(eta), 1e-12)
+    beyond = at_most(root(excess) / eta, 1)
+    within = at_most(root(-excess / critical), 1)
+    inside = 0.5 + 0.5 * dr.select(excess > 0, beyond, -within)
+    return dr.select(eta >= 1, root(cos), inside)
+
+
+def along_square(value: Array) -> Array:
+    """u of a roughness or a width; its slope stays finite at 0."""
+    return at_most(dr.sqrt(at_least(value, 1e-12)), 1)
+
+
+def along_ratio(eta: Array) -> Array:
+    """u of an index ratio, from either side."""
+    return at_most(dr.abs(eta - 1) / ((eta + 1) * REACH), 1)

@@ -1,0 +1,165 @@
+"""The atomic operators: what one layer does to the energy, the mean direction and the width of a lobe.
+
+    reflection      energy R(c, width)            direction mirrored     width + f(alpha)
+    refraction      energy T(c, width)            Snell's                width / j + f(s alpha)
+    absorption      energy exp(-depth / c)        unchanged              unchanged
+    scattering      forwards: `medium`; else the light becomes diffuse
+    total reflection  is in R and T, which are averages over the lobe (`tables`)
+    diffuse         energy to the diffuse light   none left              none left
+
+s = |1 - c / (n c')| / 2, with c before and c' beyond the boundary of index ratio n: tilting a facet turns a refracted ray
+by so much of what it turns a reflected one (Belcour 2018, section 4).
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import drjit as dr
+import numpy as np
+
+from ...interfaces import BoundConductor, BoundDielectric, BoundDiffuse, Interface, Null
+from ...optics.fresnel import fresnel_conductor, fresnel_dielectric
+from ...optics.vectors import Array, Vector, at_least, negate, root
+from . import tables
+from .width import Width, of_interface
+
+#: lowest cosine of a mean direction: widths are in proportion to its inverse
+GRAZING = 1e-3
+
+
+class Boundary:
+    """An interface, seen from one side.
+
+    Args:
+        interface: any that `supports`.
+        above: the side that the light comes from.
+        wi: direction of the light outside, whose azimuth decides what roughness an anisotropic interface shows.
+    """
+
+    def __init__(self, interface: Interface, above: bool, wi: Vector) -> None:
+        self.interface, self.wi = interface, wi
+        self.full = interface.single is not None
+        self.inner: Any = interface.single if self.full else interface
+        self.opaque, self.above = interface.opaque, above
+        self.delta = interface.delta
+        facets = getattr(self.inner, "facets", None)
+        self.smooth = facets is None
+        self.eta = self.inner.ratio(above)
+        if facets is None:
+            self.alpha: Array = 0.0
+            self.reflected: Width = 0.0
+            self._widths = (0.0, 0.0)
+            return
+        self.kind = "ggx" if facets.ggx else "beckmann", "correlated" if facets.correlated else "separable"
+        x, y = facets.alpha_x, facets.alpha_y
+        if self.delta is not False:
+            x, y = dr.select(self.delta, 0, x), dr.select(self.delta, 0, y)
+        self._widths = x, y
+        self.frame = self.inner.frame
+        self.isotropic = facets.alpha_x is facets.alpha_y
+        self.alpha = x if self.isotropic else _shown(x, y, self.frame.enter(wi))
+        self.reflected = self._width(1.0)
+
+    @property
+    def turned(self) -> Boundary:
+        """The same interface for light from its other side."""
+        return Boundary(self.interface, not self.above, self.wi)
+
+    def _width(self, scale: Array) -> Width:
+        if self.smooth:
+            return 0.0
+        x, y = (alpha * scale for alpha in self._widths)
+        return of_interface(x, y, self.frame, self.isotropic)
+
+    def refracted(self, cos: Array) -> Array:
+        """Cosine of Snell's direction beyond; 0 where there is none."""
+        eta = self.eta
+        return root((dr.square(cos) + (eta - 1) * (eta + 1)) / dr.square(eta))
+
+    def transmitted(self, cos: Array, beyond: Array) -> Width:
+        """The width that crossing from the cosine `cos` to `beyond` adds."""
+        return self._width(0.5 * dr.abs(1 - cos / (self.eta * at_least(beyond, GRAZING))))
+
+    def beam(self, cos: Array, width: Array | None) -> tuple[Array, Array]:
+        """Reflectance and transmittance of a lobe of mean cosine `cos` and roughness `width` (None: one direction)."""
+        if isinstance(self.inner, Null):
+            return 0.0, 1.0
+        if isinstance(self.inner, BoundDiffuse):
+            return 0.0, 0.0
+        sharp = self.smooth and width is None
+        if isinstance(self.inner, BoundConductor):
+            if sharp:
+                return fresnel_conductor(cos, self.inner.eta, self.inner.k), 0.0
+            kind = ("ggx", "correlated") if self.smooth else self.kind
+            return tables.metal(kind, cos, self.inner.eta, self.inner.k, self.alpha, width, self.full), 0.0
+        fresnel, _ = fresnel_dielectric(cos, self.eta, 1 / self.eta)
+        if sharp:
+            return fresnel, 1 - fresnel
+        kind = ("ggx", "correlated") if self.smooth else self.kind
+        r, t = tables.dielectric(kind, cos, self.eta, self.alpha, width)
+        if self.full:
+            r, t = tables.complete(r, t)
+        if self.delta is not False and width is None:
+            r, t = dr.select(self.delta, fresnel, r), dr.select(self.delta, 1 - fresnel, t)
+        return r, t
+
+    def even(self, like: Array) -> tuple[Array, Array]:
+        """Reflectance and transmittance of diffuse light."""
+        if isinstance(self.inner, Null):
+            return 0.0, 1.0
+        if isinstance(self.inner, BoundDiffuse):
+            return self.inner.reflectance + 0 * like, 0.0
+        kind = ("ggx", "correlated") if self.smooth else self.kind
+        if isinstance(self.inner, BoundConductor):
+            return tables.metal_diffuse(kind, self.inner.eta, self.inner.k, self.alpha, self.full, like), 0.0
+        if self.smooth:
+            r = even_fresnel(self.eta + 0 * like)
+            return r, 1 - r
+        r, t = tables.dielectric_diffuse(kind, self.eta, self.alpha, like)
+        return tables.complete(r, t) if self.full else (r, t)
+
+    def scatters(self) -> bool:
+        """Whether a beam becomes diffuse here."""
+        return isinstance(self.inner, BoundDiffuse)
+
+    def still(self) -> Any:
+        """Mask of the lanes where it is smooth: a beam stays a direction."""
+        return self.delta if self.delta is not False else False
+
+    def rough(self) -> Any:
+        return negate(self.still())
+
+
+def supports(interface: Interface) -> bool:
+    """Whether there are operators for an interface."""
+    inner = interface.single or interface
+    return isinstance(inner, (BoundConductor, BoundDielectric, BoundDiffuse, Null))
+
+
+def _shown(x: Array, y: Array, w: Vector) -> Array:
+    """The roughness along the plane of incidence (Heitz 2014), and in the mean where there is none."""
+    a, b = dr.square(x), dr.square(y)
+    return dr.sqrt(at_least(0.5 * (a + b + (a - b) * (dr.square(w.x) - dr.square(w.y))), 1e-12))
+
+
+def even_fresnel(eta: Array) -> Array:
+    """Reflectance of a smooth dielectric for light that comes evenly from one side, to 1e-8.
+
+    The mean by 2 c dc over (0, 1) from the thinner side, by Gauss's rule in the root of c; from the denser side it follows
+    by reciprocity, total reflection included: 1 - R_i = (1 - R_e) / n^2.
+    """
+    n = dr.select(eta >= 1, eta, 1 / eta)
+    outside: Array = 0.0
+    for c, weight in _GAUSS:
+        outside = outside + weight * fresnel_dielectric(c + 0 * n, n, 1 / n)[0]
+    return dr.select(eta >= 1, outside, 1 - (1 - outside) / dr.square(n))
+
+
+def _gauss(count: int) -> tuple[tuple[float, float], ...]:
+    x, weight = np.polynomial.legendre.leggauss(count)
+    x, weight = 0.5 * (x + 1), 0.5 * weight
+    return tuple((float(a) ** 2, float(b)) for a, b in zip(x, weight * 4 * x**3, strict=True))
+
+
+_GAUSS = _gauss(12)

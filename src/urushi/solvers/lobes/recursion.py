@@ -1,0 +1,199 @@
+"""The adding recursion: lobe after lobe, from the side that the light comes from.
+
+Layer after layer is put below those before. What light there is above layer k, on its way down, is D_k, all bounces among
+the layers above included; the layer sends part of it back, which makes the k-th lobe, bounces between the layer and what
+lies above (U_k, from below), and gets out:
+
+    down = (1 - U_k r)^-1 D_k        lobe k = t(U_k) r down        D_(k+1) = t down
+
+These are the adding equations (`urushi.adding`) with the sum over layers left open; energies are flows of a beam and of
+diffuse light (`flow`). U_k is itself the sum of the layers above for light that comes from below, with the direction and
+the width of *this* lobe: a wide one is totally reflected where a narrow one gets out. Whatever U_k is, as long as it loses
+nothing no light is lost.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import drjit as dr
+
+from ...adding import Slab, add
+from ...optics.vectors import Array, Vector, at_least, at_most, channels, total
+from ..bound import BoundStack
+from .flow import ALL, FLOWS, NONE, Flow, bounce, times
+from .medium import Particles
+from .operators import GRAZING, Boundary
+from .spread import Spread
+from .width import Width, mean_roughness, plus
+
+#: the most that is reflected back and forth: single precision sees total reflection where there is none
+MOST = 1 - 2e-7
+
+
+@dataclass
+class Beam:
+    """One lobe.
+
+    Attributes:
+        energy: fraction of the incident flux, a colour or a number.
+        width: see `width`.
+        cos: cosine of its mean direction.
+        sharp: mask of the lanes where it is one direction, not a lobe.
+        layer: number of the interface that sent it.
+    """
+
+    energy: Array
+    width: Width
+    cos: Array
+    sharp: Any
+    layer: int
+
+
+@dataclass
+class Answer:
+    """What a stack does to light from one direction, on one side.
+
+    Attributes:
+        reflected: lobes on the side of the light, one for each interface that reflects.
+        through: the lobe on the other side; None below an opaque base.
+        diffuse, beyond: energy of the diffuse light on both sides; the float 0 where there is none.
+    """
+
+    reflected: list[Beam]
+    through: Beam | None
+    diffuse: Array
+    beyond: Array
+
+
+@dataclass
+class _Step:
+    """A layer that the recursion has gone through: an interface, or the medium below one."""
+
+    layer: Boundary | Particles
+    cos: Array  # in the region above
+    below: Array  # in the region below
+    r: Flow
+    t: Flow
+
+
+def respond(stack: BoundStack, wi: Vector, above: bool, scatters: bool = True) -> Answer:
+    """Everything that comes of light from wi.
+
+    Args:
+        stack: bound; of interfaces and media that have operators.
+        wi: direction, |z| counts.
+        above: the side it is on.
+        scatters: False to see only what is never scattered by a medium.
+    """
+    order = range(len(stack.interfaces)) if above else range(len(stack.interfaces) - 1, -1, -1)
+    cos = at_least(dr.abs(wi.z), GRAZING)
+    spread, steps = Spread(), []
+    arriving, sharp, width = ALL, True, None
+    reflected: list[Beam] = []
+    diffuse: Array = 0.0
+    beyond_cos = cos
+    for k in order:
+        boundary = Boundary(stack.interfaces[k], above, wi)
+        # --- reflection: the lobe of this interface
+        r, t = boundary.beam(cos, width)
+        even_r, even_t = boundary.even(cos)
+        base = boundary.inner.reflectance if boundary.scatters() else 0.0
+        step = _Step(boundary, cos, boundary.refracted(cos), Flow(r, base, even_r), Flow(t, 0.0, even_t))
+        lobe_width = plus(spread.down, boundary.reflected)
+        up = _from_below(steps, lobe_width if not _known(sharp, boundary) else None)
+        down = bounce(up.r_bottom, step.r, arriving)
+        sent = times(up.t_up, times(step.r, down))
+        loop = _mean(up.r_bottom.beam) * _mean(r)
+        rounds = loop / (1 - at_most(loop, MOST)) if steps else 0.0
+        sharp = _both(sharp, boundary.still())
+        if not _zero(sent.beam):
+            reflected.append(Beam(sent.beam, spread.lobe(boundary.reflected, rounds), cos, sharp, k))
+        diffuse = _sum(diffuse, sent.scattered)
+        arriving = times(step.t, down)
+        if boundary.opaque:
+            return Answer(reflected, None, diffuse, 0.0)
+        # --- refraction, and what it does to widths
+        below = at_least(step.below, GRAZING)
+        inner = _mean(t) * _mean(up.r_bottom.beam) * _mean(t) / (1 - at_most(loop, MOST))
+        spread.cross(
+            boundary.reflected,
+            boundary.transmitted(cos, below),
+            boundary.turned.transmitted(below, cos),
+            boundary.eta * below / cos,
+            rounds,
+            _mean(r),
+            inner if steps else 0.0,
+        )
+        steps.append(step)
+        cos, beyond_cos = below, step.below
+        # --- the medium beyond
+        medium = stack.media[k + 1] if above else stack.media[k]
+        if medium is not None:
+            particles = Particles(medium, scatters)
+            medium_r, medium_t = particles.layer(cos)
+            up = _from_below(steps, None)
+            down = bounce(up.r_bottom, medium_r, arriving)
+            sent = times(up.t_up, times(medium_r, down))
+            diffuse = _sum(diffuse, sent.scattered)
+            arriving = times(medium_t, down)
+            steps.append(_Step(particles, cos, cos, medium_r, medium_t))
+            _, spread_by = particles.passed(cos)
+            if particles.scatters:
+                spread.cross(0.0, spread_by, spread_by, 1.0, 0.0, 0.0, 1.0)
+                sharp = False if scatters else sharp
+        width = None if _is_true(sharp) else mean_roughness(spread.down)
+    through = Beam(arriving.beam, spread.down, beyond_cos, sharp, len(stack.interfaces))
+    return Answer(reflected, through, diffuse, arriving.scattered)
+
+
+def _from_below(steps: list[_Step], width: Width | None) -> Slab:
+    """The layers gone through so far, for a lobe of this width that comes from below; None: for one direction."""
+    slabs: list[Slab] = []
+    for step in reversed(steps):
+        if isinstance(step.layer, Particles):
+            slabs.append(Slab(step.r, step.t, step.r, step.t))
+            if width is not None:
+                width = plus(width, step.layer.passed(step.cos)[1])
+            continue
+        turned = step.layer.turned
+        r, t = turned.beam(at_least(step.below, GRAZING), None if width is None else mean_roughness(width))
+        even_r, even_t = turned.even(step.cos)
+        slabs.append(Slab(step.r, step.t, Flow(r, 0.0, even_r), Flow(t, 0.0, even_t)))
+        if width is not None:
+            below = at_least(step.below, GRAZING)
+            width = plus(width * (step.layer.eta * below / step.cos), turned.transmitted(below, step.cos))
+    whole = Slab(NONE, ALL, NONE, ALL)
+    for n, slab in enumerate(reversed(slabs)):
+        whole = add(whole, slab, FLOWS) if n else slab
+    return whole
+
+
+def _known(sharp: Any, boundary: Boundary) -> bool:
+    """Whether all light that the boundary sends back is certainly in one direction."""
+    return _is_true(sharp) and boundary.smooth
+
+
+def _is_true(mask: Any) -> bool:
+    return isinstance(mask, bool) and mask
+
+
+def _both(a: Any, b: Any) -> Any:
+    if isinstance(a, bool):
+        return b if a else False
+    if isinstance(b, bool):
+        return a if b else False
+    return a & b
+
+
+def _zero(value: Array) -> bool:
+    return isinstance(value, float) and value == 0
+
+
+def _sum(a: Array, b: Array) -> Array:
+    return b if _zero(a) else a if _zero(b) else a + b
+
+
+def _mean(value: Array) -> Array:
+    return total(value) * (1 / max(channels(value), 1))

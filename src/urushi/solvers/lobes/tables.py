@@ -1,0 +1,159 @@
+"""What rough interfaces reflect and transmit, from tables that Urushi made of its own interfaces.
+
+A table is for one distribution of normals and one masking. The light it answers for is a lobe: that of a GGX surface of
+roughness `width` around the direction of mean cosine `cos` (0: all light in one direction), since that is how light comes
+back from the layers below. So the part of a lobe that is totally reflected is in the table, and so is what Belcour's
+separate table of total reflection is for.
+
+    dielectric      side, index ratio, roughness, width, cosine -> reflectance, transmittance, mean cosine transmitted
+    diffuse         side, index ratio, roughness -> reflectance and transmittance of light that comes evenly from a side
+    metal           roughness, width, cosine -> weights w_j: the reflectance is sum w_j F(c_j), whatever Fresnel's F is
+    metal diffuse   likewise for even light
+
+All are for one scattering at the facets; `complete` adds what facets send to one another.
+"""
+
+from __future__ import annotations
+
+from functools import cache
+from pathlib import Path
+
+import drjit as dr
+import numpy as np
+
+from ...optics.fresnel import fresnel_conductor
+from ...optics.vectors import Array, at_least, at_most
+from . import axes
+from .grid import Grid
+
+#: steps of the fixed-point numbers in the files
+STEP = 2.0**-14
+#: cosines at which the reflectance of a metal is asked for; the first is 0, where it is 1
+METAL = tuple(float((0.5 - 0.5 * np.cos(np.pi * j / 4)) ** 2) for j in range(5))
+
+
+@cache
+def _grid(kind: tuple[str, str], name: str) -> Grid:
+    with np.load(Path(__file__).parent / "data" / f"{'_'.join(kind)}.npz") as file:
+        if name == "dielectric_cosine":
+            return Grid(file["dielectric"][..., 2:] * STEP)
+        values = file[name] * STEP
+        return Grid(values[..., :2] if name == "dielectric" else values)
+
+
+def _side(eta: Array) -> Array:
+    return dr.select(eta >= 1, 0.0 * eta, 1.0 + 0 * eta)
+
+
+def dielectric(
+    kind: tuple[str, str], cos: Array, eta: Array, alpha: Array, width: Array | None
+) -> tuple[Array, Array]:
+    """Reflectance and transmittance of a rough dielectric.
+
+    Args:
+        kind: distribution and masking.
+        cos: mean cosine of incidence.
+        eta: index beyond over index before.
+        alpha: roughness of the interface.
+        width: roughness of the lobe that the light is; None for one direction.
+    """
+    places = _places(cos, eta, alpha, width)
+    r, t = _grid(kind, "dielectric")(places, cos)
+    return r, t
+
+
+def transmitted_cosine(
+    kind: tuple[str, str], cos: Array, eta: Array, alpha: Array, width: Array | None
+) -> Array:
+    """Mean cosine, beyond a rough dielectric, of what it transmits; arguments as for `dielectric`."""
+    return _grid(kind, "dielectric_cosine")(_places(cos, eta, alpha, width), cos)[0]
+
+
+def _places(cos: Array, eta: Array, alpha: Array, width: Array | None) -> list[Array | int]:
+    return [
+        _side(eta + 0 * cos),
+        axes.along_ratio(eta + 0 * cos),
+        axes.along_square(alpha + 0 * cos),
+        0 if width is None else axes.along_square(width + 0 * cos),
+        axes.along_cosine(cos, eta),
+    ]
+
+
+def dielectric_diffuse(kind: tuple[str, str], eta: Array, alpha: Array, like: Array) -> tuple[Array, Array]:
+    """Reflectance and transmittance of a rough dielectric for light that comes evenly from the side it comes from."""
+    eta, alpha = eta + 0 * like, alpha + 0 * like
+    places = [_side(eta), axes.along_ratio(eta), axes.along_square(alpha)]
+    r, t = _grid(kind, "dielectric_diffuse")(places, like)
+    return r, t
+
+
+def complete(r: Array, t: Array) -> tuple[Array, Array]:
+    """Nothing lost: what one scattering does not send out leaves in the end, shared as the first scattering shares."""
+    whole = dr.rcp(at_least(r + t, 1e-6))
+    r = r * whole
+    return r, 1 - r
+
+
+def metal(
+    kind: tuple[str, str],
+    cos: Array,
+    eta: Array,
+    k: Array,
+    alpha: Array,
+    width: Array | None,
+    full: bool,
+) -> Array:
+    """Reflectance of a rough metal.
+
+    Args:
+        eta, k: its complex index over that of the medium above.
+        full: with what its facets send to one another (Kulla & Conty 2017, with the mean reflectance of all angles).
+        Others as for `dielectric`.
+    """
+    places: list[Array | int] = [
+        axes.along_square(alpha + 0 * cos),
+        0 if width is None else axes.along_square(width + 0 * cos),
+        dr.sqrt(at_most(at_least(cos, 1e-8), 1)),
+    ]
+    weights = _grid(kind, "metal")(places, cos)
+    return _metal(kind, weights, eta, k, alpha + 0 * cos, full)
+
+
+def metal_diffuse(
+    kind: tuple[str, str], eta: Array, k: Array, alpha: Array, full: bool, like: Array
+) -> Array:
+    """Reflectance of a rough metal for light that comes evenly from all directions."""
+    alpha = alpha + 0 * like
+    return _metal(kind, _grid(kind, "metal_diffuse")([axes.along_square(alpha)], like), eta, k, alpha, full)
+
+
+def _metal(
+    kind: tuple[str, str], weights: list[Array], eta: Array, k: Array, alpha: Array, full: bool
+) -> Array:
+    fresnel = [fresnel_conductor(c + 0 * alpha, eta, k) for c in METAL[1:]]
+    single = weights[0] + sum(w * f for w, f in zip(weights[1:], fresnel, strict=True))
+    if not full:
+        return single
+    share = sum(weights[1:], weights[0])
+    average = _grid(kind, "metal_diffuse")([axes.along_square(alpha)], alpha)
+    albedo = sum(average[1:], average[0])
+    even = _EVEN[0] + sum(w * f for w, f in zip(_EVEN[1:], fresnel, strict=True))
+    return single + (1 - share) * dr.square(even) * albedo / (1 - even * (1 - albedo))
+
+
+def _even_weights() -> tuple[float, ...]:
+    """Weights of the reflectances at `METAL` in the mean over all directions, by cosine."""
+    x, weight = np.polynomial.legendre.leggauss(16)
+    x, weight = 0.5 * (x + 1), 0.5 * weight
+    nodes = np.sqrt(METAL)
+    found = []
+    for j in range(len(nodes)):
+        lagrange = np.ones_like(x)
+        for i in range(len(nodes)):
+            if i != j:
+                lagrange *= (x - nodes[i]) / (nodes[j] - nodes[i])
+        found.append(float(weight @ (lagrange * 4 * x**3)))  # the cosine is x^2: 2 c dc = 4 x^3 dx
+    return tuple(found)
+
+
+_EVEN = _even_weights()

@@ -1,0 +1,275 @@
+"""Write src/urushi/solvers/lobes/data/*.npz: how much light rough interfaces send where, from Urushi's own interfaces.
+
+    python tools/make_lobe_tables.py
+
+Directional energies are means over a Fibonacci lattice of the samples of `BoundDielectric` and of the facets of
+`Microfacets` (`solvers.lobes.tables` says what each table holds, and how far interpolation is off). Light that is a lobe
+already is the average of those over the directions of that lobe.
+"""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+
+import numpy as np
+
+from urushi.llvm import ensure
+
+OUT = Path(__file__).parents[1] / "src" / "urushi" / "solvers" / "lobes" / "data"
+#: cosines of the fine tables that lobes are averaged over
+FINE = 65
+#: samples of one lobe
+SAMPLES = 4181
+
+
+def lattice(count: int) -> tuple[np.ndarray, np.ndarray]:
+    """`count`, a Fibonacci number, of points in the unit square."""
+    small, size = 1, 1
+    while size < count:
+        small, size = size, small + size
+    i = np.arange(size)
+    return (i + 0.5) / size, (i * small % size + 0.5) / size
+
+
+def directional(cos: np.ndarray, alpha: np.ndarray, eta: np.ndarray, kind: tuple[str, str]) -> np.ndarray:
+    """(3, N): reflectance, transmittance and the mean cosine of what is transmitted, of rough dielectrics.
+
+    Args:
+        cos, alpha, eta: (N,) cosine of incidence, roughness > 0, index beyond over index before.
+        kind: distribution and masking.
+    """
+    import drjit as dr
+    from drjit.llvm.ad import Array3f64, Float64, UInt
+
+    from urushi.interfaces.base import Frame
+    from urushi.interfaces.dielectric import BoundDielectric
+    from urushi.optics.microfacet import Microfacets
+
+    w = Array3f64(np.sqrt((1 - cos) * (1 + cos)), 0 * cos, cos)
+    facets = Microfacets(Float64(alpha), Float64(alpha), *kind)
+    interface = BoundDielectric(Float64(eta), facets, False, Frame(0.0))
+    small, size = 6765, 10946
+
+    def body(i: UInt, r: Float64, t: Float64, c: Float64) -> tuple:
+        second = (Float64(i) * small + 0.5) / size
+        u = (0.5, (Float64(i) + 0.5) / size, second - dr.floor(second))
+        up, down = interface.sample(w, u, True, "reflect"), interface.sample(w, u, True, "transmit")
+        passed = dr.select(down.o.z < 0, down.weight, 0)
+        return i + 1, r + dr.select(up.o.z > 0, up.weight, 0), t + passed, c + passed * dr.abs(down.o.z)
+
+    zero = Float64(0 * cos)
+    _, r, t, c = dr.while_loop((UInt(0), zero, zero, zero), lambda i, *_: i < size, body)
+    r, t, c = (np.array(x) / size for x in (r, t, c))
+    return np.stack([r, t, np.divide(c, t, out=np.zeros_like(c), where=t > 1e-12)])
+
+
+def lobe(cos: np.ndarray, alpha: float) -> tuple[np.ndarray, np.ndarray]:
+    """Cosines (N, SAMPLES) of the reflections of a GGX surface, and their weights, which sum to 1; alpha 0: the mirror."""
+    import drjit as dr
+    from drjit.llvm.ad import Array3f64, Float64
+
+    from urushi.optics.microfacet import Microfacets
+    from urushi.optics.vectors import reflect
+
+    if alpha == 0:
+        return cos[:, None], np.ones((len(cos), 1))
+    u1, u2 = lattice(SAMPLES)
+    n = len(u1)
+    c = np.repeat(cos, n)
+    w = Array3f64(np.sqrt((1 - c) * (1 + c)), 0 * c, c)
+    facets = Microfacets(Float64(alpha), Float64(alpha), "ggx", "correlated")
+    m = facets.sample(w, Float64(np.tile(u1, len(cos))), Float64(np.tile(u2, len(cos))))
+    o = reflect(w, m)
+    weight = dr.select(o.z > 0, facets.masked(w, Array3f64(o.x, o.y, dr.abs(o.z)), facets.sigma(w)), 0)
+    weight = np.array(weight).reshape(-1, n)
+    return np.maximum(np.array(o.z).reshape(-1, n), 1e-6), weight / weight.sum(axis=1, keepdims=True)
+
+
+def mean_over(values: np.ndarray, place: np.ndarray, weight: np.ndarray) -> np.ndarray:
+    """Mean over lobes of a function given at nodes of u: (C, F) values, (N, S) places in u and weights -> (C, N)."""
+    x = np.clip(place, 0, 1) * (values.shape[1] - 1)
+    i = np.minimum(x.astype(int), values.shape[1] - 2)
+    f = x - i
+    matrix = np.zeros((len(place), values.shape[1]))
+    row = np.arange(len(place))[:, None] + 0 * i
+    np.add.at(matrix, (row, i), weight * (1 - f))
+    np.add.at(matrix, (row, i + 1), weight * f)
+    return np.asarray(values @ matrix.T)
+
+
+def along(cos: np.ndarray, eta: float) -> np.ndarray:
+    """u of cosines, as `axes.along_cosine`."""
+    if eta >= 1:
+        return np.sqrt(cos)
+    excess, critical = cos**2 - (1 - eta**2), 1 - eta**2
+    return 0.5 + 0.5 * np.where(
+        excess > 0, np.sqrt(np.maximum(excess, 0)) / eta, -np.sqrt(np.maximum(-excess / critical, 0))
+    )
+
+
+def smooth(cos: np.ndarray, eta: float) -> np.ndarray:
+    """(3, N) of a smooth boundary, as `directional`."""
+    import drjit as dr
+    from drjit.llvm.ad import Float64
+
+    from urushi.optics.fresnel import fresnel_dielectric
+
+    r, t = fresnel_dielectric(Float64(cos), Float64(eta), Float64(1 / eta))
+    del dr
+    r = np.array(r)
+    return np.stack([r, 1 - r, np.array(t)])
+
+
+def dielectric(kind: tuple[str, str]) -> tuple[np.ndarray, np.ndarray]:
+    """(2, INDICES, ROUGHNESSES, WIDTHS, COSINES, 3) for lobes, and (2, INDICES, ROUGHNESSES, 2) for diffuse light."""
+    from urushi.solvers.lobes import axes
+
+    alphas, widths = axes.squares(axes.ROUGHNESSES), axes.squares(axes.WIDTHS)
+    shape = (2, axes.INDICES, axes.ROUGHNESSES, axes.WIDTHS, axes.COSINES, 3)
+    table, diffuse = np.zeros(shape), np.zeros((*shape[:3], 2))
+    beams = [lobe(axes.cosines(2.0), width) for width in widths]
+    for side in (0, 1):
+        for k, ratio in enumerate(axes.ratios()):
+            eta = float(ratio if side == 0 else 1 / ratio)
+            cos = axes.cosines(eta, FINE)
+            a, c = (x.ravel() for x in np.meshgrid(alphas[1:], cos, indexing="ij"))
+            fine = directional(c, a, np.full_like(c, eta), kind).reshape(3, -1, FINE).swapaxes(0, 1)
+            fine = np.concatenate([smooth(cos, eta)[None], fine])
+            # of the transmitted cosine, what is weighed by the transmittance is averaged
+            values = np.stack([fine[:, 0], fine[:, 1], fine[:, 1] * fine[:, 2]], axis=1).reshape(-1, FINE)
+            lobes = beams if side == 0 else [lobe(axes.cosines(eta), width) for width in widths]
+            for b, (o, weight) in enumerate(lobes):
+                mean = mean_over(values, along(o, eta), weight).reshape(-1, 3, axes.COSINES)
+                mean[:, 2] = np.divide(
+                    mean[:, 2], mean[:, 1], out=np.zeros_like(mean[:, 2]), where=mean[:, 1] > 1e-9
+                )
+                table[side, k, :, b] = mean.swapaxes(1, 2)
+            u, weight = np.polynomial.legendre.leggauss(64)
+            u, weight = 0.5 * (u + 1), 0.5 * weight
+            c2 = np.sort(np.concatenate([u]))
+            mu = np.sqrt(c2)
+            flux = mean_over(values, along(mu, eta)[None], weight[np.argsort(u)][None])
+            diffuse[side, k] = flux.reshape(-1, 3)[:, :2]
+        print(kind, side, flush=True)
+    return table, diffuse
+
+
+#: cosines at which the reflectance of a metal is asked for
+NODES = 5
+
+
+def metal(kind: tuple[str, str]) -> tuple[np.ndarray, np.ndarray]:
+    """Weights of the reflectance at `NODES` cosines: (ROUGHNESSES, WIDTHS, COSINES, NODES); for diffuse light without
+    WIDTHS and COSINES."""
+    import drjit as dr
+    from drjit.llvm.ad import Array3f64, Float64
+
+    from urushi.optics.microfacet import Microfacets
+    from urushi.optics.vectors import reflect
+    from urushi.solvers.lobes import axes
+
+    alphas, widths = axes.squares(axes.ROUGHNESSES), axes.squares(axes.WIDTHS)
+    cos = axes.cosines(2.0, FINE)
+    u1, u2 = lattice(SAMPLES)
+    n = len(u1)
+    c = np.repeat(cos, n)
+    w = Array3f64(np.sqrt((1 - c) * (1 + c)), 0 * c, c)
+    rows = []
+    for alpha in alphas:
+        if alpha == 0:
+            rows.append(hats(cos))
+            continue
+        facets = Microfacets(Float64(alpha), Float64(alpha), *kind)
+        m = facets.sample(w, Float64(np.tile(u1, FINE)), Float64(np.tile(u2, FINE)))
+        o = reflect(w, m)
+        kept = facets.masked(w, Array3f64(o.x, o.y, dr.abs(o.z)), facets.sigma(w))
+        kept = np.array(dr.select(o.z > 0, kept, 0))
+        rows.append((hats(np.array(dr.dot(w, m))) * kept).reshape(NODES, FINE, n).mean(axis=2))
+    fine = np.stack(rows).reshape(-1, FINE)
+    table = np.zeros((axes.ROUGHNESSES, axes.WIDTHS, axes.COSINES, NODES))
+    for b, width in enumerate(widths):
+        o, weight = lobe(axes.cosines(2.0), width)
+        mean = mean_over(fine, np.sqrt(o), weight).reshape(-1, NODES, axes.COSINES)
+        table[:, b] = mean.swapaxes(1, 2)
+    u, weight = np.polynomial.legendre.leggauss(64)
+    flux = mean_over(fine, np.sqrt(np.sqrt(0.5 * (u + 1)))[None], 0.5 * weight[None])
+    return table, flux.reshape(-1, NODES)
+
+
+def hats(cos: np.ndarray) -> np.ndarray:
+    """(NODES, N): Lagrange's polynomials in the root of the cosine, at Chebyshev's extrema."""
+    x = np.sqrt(np.clip(cos, 0, 1))
+    nodes = 0.5 - 0.5 * np.cos(np.pi * np.arange(NODES) / (NODES - 1))
+    found = np.ones((NODES, len(x)))
+    for j in range(NODES):
+        for i in range(NODES):
+            if i != j:
+                found[j] *= (x - nodes[i]) / (nodes[j] - nodes[i])
+    return found
+
+
+def slabs() -> dict[str, np.ndarray]:
+    """Reflectance and scattered transmittance of Henyey-Greenstein slabs, from solutions of the transfer equation.
+
+    Returns:
+        "slab": (g, root of 1 - albedo, depth / (1 + depth), root of the cosine, 2); "even" without the cosine.
+    """
+    from urushi.solvers.adding.basis import Grid
+    from urushi.solvers.adding.media import Scattering, slab
+    from urushi.solvers.adding.phase import HenyeyGreenstein, resolved
+    from urushi.solvers.lobes import medium
+
+    grid = Grid.build([1.0], 40)
+    mu = np.sqrt(1 - grid.s**2)
+    weights = grid.etendue / mu
+    count = resolved(mu, weights)
+    u = np.linspace(0, 1, medium.DEPTHS)
+    depth = np.minimum(u / np.maximum(1 - u, 1e-12), 1e5)
+    albedo = 1 - np.linspace(0, 1, medium.ALBEDOS) ** 2
+    cos = np.maximum(np.linspace(0, 1, medium.COSINES) ** 2, 1e-3)
+    order = np.argsort(mu)
+    shape = (medium.GS, medium.ALBEDOS, medium.DEPTHS)
+    found, even = np.zeros((*shape, medium.COSINES, 2)), np.zeros((*shape, 2))
+    for i, g in enumerate(np.linspace(*medium.MEAN_COSINES, medium.GS)):
+        phase = HenyeyGreenstein(g)
+        # A sharp peak is taken as light that goes straight on (delta-M), and counted as scattered below.
+        share = float(max(g, 0) ** count)
+        moments = (phase.moments(count) - share) / (1 - share)
+        scattering = Scattering.build(mu, weights, moments, range(1))
+        for j, a in enumerate(albedo):
+            for k, tau in enumerate(depth):
+                scaled = np.array([tau * (1 - a * share)])
+                solved = slab(scattering, scaled, np.array([a * (1 - share) / (1 - a * share)]))
+                r, t = (op.albedo()[0] for op in (solved.r_top, solved.t_down))
+                for c, values in enumerate((r, t - np.exp(-tau / mu))):
+                    found[i, j, k, :, c] = np.interp(cos, mu[order], values[order])
+                    even[i, j, k, c] = 2 * (grid.etendue @ values)
+        print("slab", g, flush=True)
+    return {"slab": found, "even": even}
+
+
+def fixed_point(table: np.ndarray) -> np.ndarray:
+    """Sixteen bits with a step of 2^-14, for values in [-2, 2)."""
+    assert np.abs(table).max() < 2
+    return np.asarray(np.round(table * 2**14), np.int16)
+
+
+def main() -> None:
+    """Compute and write every table."""
+    ensure()
+    OUT.mkdir(exist_ok=True)
+    low = {name: fixed_point(table) for name, table in slabs().items()}
+    np.savez_compressed(OUT / "slabs.npz", **low)
+    for distribution in ("ggx", "beckmann"):
+        for masking in ("correlated", "separable"):
+            tables = [*dielectric((distribution, masking)), *metal((distribution, masking))]
+            names = ("dielectric", "dielectric_diffuse", "metal", "metal_diffuse")
+            low = {name: fixed_point(table) for name, table in zip(names, tables, strict=True)}
+            path = OUT / f"{distribution}_{masking}.npz"
+            np.savez_compressed(path, **low)
+            print(path.name, path.stat().st_size)
+
+
+if __name__ == "__main__":
+    sys.exit(main())
