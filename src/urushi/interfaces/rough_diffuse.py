@@ -63,7 +63,7 @@ class RoughDiffuse(Interface):
         area, m = surface.area(w), surface.normal(w, rng)
         event = facet.scatter(surface, w, m, area, False, rng)
         seen = self._seen(w, at_least(o.z, HORIZON), o)
-        value = event.factor * dr.select(lit, facet.toward_from(m, o) * seen, 0)
+        value = event.factor * dr.select(lit, facet.toward_one(m, o)[0] * seen, 0)
         if self.walks:
             way = begin(surface, w, event, event.factor, lit, rng)
             value = value + gather(surface, facet, way, o, rng)

@@ -20,7 +20,7 @@ from .base import HORIZON, Interface, Part, Scatter
 from .conductor import BoundConductor
 from .dielectric import BoundDielectric
 from .given import Given
-from .standin import mirrors, panes
+from .standin import mirrors, panes, single_share
 
 
 class Walked(Interface):
@@ -201,13 +201,10 @@ class WalkedDielectric(Walked):
         """
         if part == "both":
             return u, 1 + 0 * w.x
-        rare = self._rare()
+        # By trial; the root of how likely light is to come round, which is less likely for what went through.
+        rare = dr.sqrt(1 - single_share(self.surface, w)) * (0.5 if part == "reflect" else 1.0)
         wanted = fresnel if part == "reflect" else 1 - fresnel
         whole = wanted + rare * (1 - wanted)
         as_wanted = uniform(rng, w) * whole < wanted
         through = as_wanted ^ (part == "reflect")
         return dr.select(through, fresnel, -1.0), dr.select(as_wanted, whole, whole / rare)
-
-    def _rare(self) -> Array:
-        """How much of what goes the other way first to follow; more where more of it comes round."""
-        return at_most(at_least(0.5 * at_least(self.surface.alpha_x, self.surface.alpha_y), 0.02), 0.5)

@@ -78,18 +78,20 @@ def escape(surface: Microsurface, facet: Any, way: Way, rng: Generator) -> tuple
     Returns:
         (direction in the frame of the first side, throughput, mask of what left on the other side).
     """
-    colour = type(way.weight)
+
+    def fly_on(s: State) -> None:
+        w = -s["d"]
+        rate = surface.rate(w, surface.area(w))
+        s["t"], meets = fly(s["t"], s["d"], rate, exponential(s["rng"], w))
+        s["going"] = s["going"] & meets
 
     def body(s: State) -> tuple[State]:
-        w = -s["d"]
-        area = surface.area(w)
-        t, meets = fly(s["t"], s["d"], surface.rate(w, area), exponential(s["rng"], w))
-        s["going"] = s["going"] & meets
-        event = facet.scatter(surface, w, surface.normal(w, s["rng"]), area, s["inside"], s["rng"])
-        _scatter(facet, s, event, t, colour)
+        _scatter(surface, facet, s, way)
+        fly_on(s)
         return (s,)
 
     state = _state(way, facet, rng)
+    fly_on(state)
     (out,) = dr.while_loop((state,), lambda s: s["going"], lambda s: body(dict(s)), label="escape")
     follow(rng, out["rng"])
     if not facet.sides:
@@ -177,47 +179,48 @@ def gather(surface: Microsurface, facet: Any, way: Way, o: Vector, rng: Generato
             out = dr.select(young & negate(through | last.across), both, out) if facet.sides else both
         return factor * last.factor * (density * out * _weight(last.density, density))
 
-    def body(s: State) -> tuple[State]:
+    def look(s: State, young: bool) -> None:
+        """What leaves after the next facet, and on to that one."""
         w, rng = -s["d"], s["rng"]
         area = surface.area(w)
         rate = surface.rate(w, area)
         reach = fly(s["t"], s["d"], rate, exponential(rng, w))
-        m = surface.normal(w, rng)
+        across, seen, reverse = False, o, area / area_o
         if facet.sides:
             across = s["inside"] ^ (o.z < 0)
             seen = _flip(o, s["inside"])
-            reverse = area / area_o * dr.select(across, dr.square(facet.ratio(s["inside"])[1]), 1.0)
-        else:
-            across, seen, reverse = False, o, area / area_o
+            reverse = reverse * dr.select(across, dr.square(facet.ratio(s["inside"])[1]), 1.0)
         out = leave(s["t"], s["d"], rate, across, reach)
-        out = dr.select(s["young"], seen_second(way.first, s["d"], rate, masking), out)
-        if two_way:
+        if young:
+            both = seen_second(way.first, s["d"], rate, masking)
+            out = dr.select(across | s["inside"], out, both) if facet.sides else both
+        if facet.estimated:
+            density, factor = facet.toward_one(surface.normal(w, rng), seen)
+        else:
             density, factor = facet.toward(surface, w, seen, area, across, s["inside"])
-            share = _weight(s["density"], density * reverse)
-            found = factor * (density * out * share)
-        event = facet.scatter(surface, w, m, area, s["inside"], rng)
-        if not two_way:
-            found = event.factor * (facet.toward_from(m, o) * out)
-        s["light"] = s["light"] + dr.select(s["going"], s["weight"] * found, 0)
-        s["young"] = s["young"] & negate(s["going"])
-        later, meets = reach
+            out = out * _weight(s["density"], density * reverse)
+        found = s["weight"] * (factor * (density * out))
+        s["light"] = colour(s["light"] + dr.select(s["going"], found, 0))
+        s["t"], meets = reach
         s["going"] = s["going"] & meets
+
+    def body(s: State) -> tuple[State]:
         if two_way:
-            more = connect(w, later, area, s["inside"], False, rng)
-            s["light"] = s["light"] + dr.select(s["going"], s["weight"] * more, 0)
-        _scatter(facet, s, event, later, colour)
-        s["light"] = colour(s["light"])
+            w = -s["d"]
+            more = connect(w, s["t"], surface.area(w), s["inside"], False, s["rng"])
+            s["light"] = colour(s["light"] + dr.select(s["going"], s["weight"] * more, 0))
+        _scatter(surface, facet, s, way)
+        look(s, False)
         return (s,)
 
     state = _state(way, facet, rng)
-    state["density"] = way.density
     light = 0 * way.weight
     if two_way:
+        state["density"] = way.density
         start = connect(way.w, way.fallen, surface.area(way.w), False, True, rng)
         light = dr.select(way.going, light + start, 0)
     state["light"] = colour(light)
-    # Both depths are integrated where the first facet reflected and o is seen from there.
-    state["young"] = way.going & (o.z > 0) & negate(way.inside)
+    look(state, True)
     (out,) = dr.while_loop((state,), lambda s: s["going"], lambda s: body(dict(s)), label="gather")
     follow(rng, out["rng"])
     return out["light"]
@@ -229,10 +232,11 @@ def _state(way: Way, facet: Any, rng: Generator) -> State:
     return state
 
 
-def _scatter(facet: Any, s: State, event: Event, t: Array, colour: Any) -> None:
-    """The way on after a facet at depth t, for the lanes that are going; light that carries little may end here."""
-    going = s["going"]
-    t, d = _cross(t, event.d, event.through)
+def _scatter(surface: Microsurface, facet: Any, s: State, way: Way) -> None:
+    """Meet a facet, on the lanes that are going; light that carries little may end here."""
+    going, w, rng = s["going"], -s["d"], s["rng"]
+    event = facet.scatter(surface, w, surface.normal(w, rng), surface.area(w), s["inside"], rng)
+    t, d = _cross(s["t"], event.d, event.through)
     if facet.sides:
         s["inside"] = s["inside"] ^ (going & event.through)
     s["t"], s["d"] = dr.select(going, t, s["t"]), dr.select(going, d, s["d"])
@@ -242,7 +246,7 @@ def _scatter(facet: Any, s: State, event: Event, t: Array, colour: Any) -> None:
         return
     weight = s["weight"] * event.factor
     survival = at_most(peak(weight) * (1 / ROULETTE), 1)
-    alive = uniform(s["rng"], d) < survival
+    alive = uniform(rng, w) < survival
     weight = dr.select(alive, weight * dr.rcp(at_least(survival, 1e-30)), 0)
-    s["weight"] = colour(dr.select(going, weight, s["weight"]))
+    s["weight"] = type(way.weight)(dr.select(going, weight, s["weight"]))
     s["going"] = going & alive

@@ -131,8 +131,9 @@ class Paper:
     ) -> Event:
         u = uniform(rng, w)
         d = around(m, root(1 - u), uniform(rng, w), root(u))
-        return Event(d, self.reflectance + 0 * w.x, False, self.toward_from(m, d))
+        density, factor = self.toward_one(m, d)
+        return Event(d, factor + 0 * w.x, False, density)
 
-    def toward_from(self, m: Vector, o: Vector) -> Array:
-        """Density of o after the one facet m."""
-        return at_least(dr.dot(o, m), 0) * dr.inv_pi
+    def toward_one(self, m: Vector, o: Vector) -> tuple[Array, Array]:
+        """`toward`, from the one facet m."""
+        return at_least(dr.dot(o, m), 0) * dr.inv_pi, self.reflectance
