@@ -41,6 +41,16 @@ def smooth_energy(stack: BoundStack, wi: Vector) -> tuple[Array, Array]:
     return r, t
 
 
+def straight(stack: BoundStack, wi: Vector) -> Vector:
+    """Snell's direction on the far side."""
+    if stack.opaque:
+        return -wi
+    above = wi.z > 0
+    ratio = dr.select(above, stack.indices[0] / stack.indices[-1], stack.indices[-1] / stack.indices[0])
+    z = snell(wi, ratio)
+    return type(wi)(-ratio * wi.x, -ratio * wi.y, dr.select(above, -z, z))
+
+
 def _series(stack: BoundStack, cos: list[Array]) -> Slab:
     whole: Slab | None = None
     for k, interface in enumerate(stack.interfaces):

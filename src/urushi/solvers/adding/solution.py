@@ -63,10 +63,12 @@ class Solution:
     Attributes:
         grid: the nodes; region 0 is the exterior above, the last one that below.
         parts: by (from_above, to_above).
-        closed_form: what `eval` adds exactly: "interface" (the outermost interface alone), "single" (one collision in
-            the medium next to a smooth or absent interface), or None.
+        closed_form: what `eval` adds exactly: "interface" (one meeting with an outermost interface, where that needs no
+            random numbers), "single" (that, and one collision wherever `once` covers it), or None.
         colours: number of channels C.
         diagnostics: sizes, time, estimated error, reasons.
+        forward: by region, the share of the light scattered there that the solver counted as not scattered (delta-M);
+            regions without such a share may be missing.
     """
 
     grid: Grid
@@ -74,3 +76,4 @@ class Solution:
     closed_form: str | None
     colours: int
     diagnostics: dict[str, Any]
+    forward: dict[int, float] = field(default_factory=dict)

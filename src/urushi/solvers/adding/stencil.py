@@ -15,6 +15,7 @@ import drjit as dr
 import numpy as np
 
 from ...optics.vectors import Array, Vector, at_least, root
+from ..arrays import number_type
 from .basis import SAME, Grid
 
 #: distance between the keys of one panel and the next; psi is at most pi / 2
@@ -76,14 +77,14 @@ class Stencils:
 
     def __init__(self, grid: Grid, regions: tuple[int, ...], order: int, module: Any, double: bool) -> None:
         self.order = order
-        self.scalar = module.__name__ == "drjit.scalar"
-        number = float if self.scalar else module.Float64 if double else module.Float
-        whole = int if self.scalar else module.UInt
+        number = number_type(module, double)
+        whole = int if number is float else module.UInt
         self.counts = [grid.count(region) for region in regions]
         # Both sides may have the same index, and then one set of everything.
         self.same = len(regions) == 1 or abs(grid.indices[regions[0]] / grid.indices[regions[1]] - 1) < SAME
         self.panels: list[list[tuple[float, float, float, float]]] = []
-        keys, psi, node, flip, first, weights = [], [], [], [], [], []
+        keys: list[np.ndarray] = []
+        psi, node, flip, first, weights = [], [], [], [], []
         entries = 0
         for region in regions[: 1 if self.same else 2]:
             index, before, here = grid.indices[region], 0.0, []
@@ -107,7 +108,7 @@ class Stencils:
                 node.append(np.concatenate([number_of[own_image:][::-1], number_of]))
                 mirrored = np.arange(len(ext)) < p.count - own_image
                 flip.append((mirrored & bool(own_image)).astype(np.uint32))
-                here.append((p.index / index, p.high, before / index, APART * (len(keys) - 1)))
+                here.append((p.index / index, float(p.high), before / index, APART * (len(keys) - 1)))
                 entries += len(ext)
                 before = p.index
             self.panels.append(here)

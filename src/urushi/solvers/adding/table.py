@@ -17,6 +17,7 @@ import drjit as dr
 import numpy as np
 
 from ...optics.vectors import Array, Vector, at_least, at_most
+from ..arrays import number_type
 from . import warp
 from .solution import Block, Part, Solution
 from .stencil import Lookup, Stencils, away_and_toward
@@ -67,8 +68,7 @@ class Table:
     def __init__(
         self, solution: Solution, series: Series, stencils: Stencils, module: Any, double: bool
     ) -> None:
-        scalar = module.__name__ == "drjit.scalar"
-        number = float if scalar else module.Float64 if double else module.Float
+        number = number_type(module, double)
         self.number = number
         self.stencils, self.terms, self.colours = stencils, series.terms, solution.colours
         self.opaque = (True, False) not in solution.parts

@@ -27,7 +27,7 @@ from ...optics.vectors import (
 )
 from ..bound import BoundStack
 from ..facet_lobe import Lobe
-from ..smooth import cosines, has_delta, smooth_energy, snell
+from ..smooth import cosines, has_delta, smooth_energy, snell, straight
 
 #: share of the samples that every side light can leave on gets as a cosine lobe, whatever the guess
 FLOOR = 0.1
@@ -114,7 +114,7 @@ def propose(stack: BoundStack, wi: Vector) -> Proposal:
     if not has_delta(stack):
         return Proposal(lobes, None, None, 0 * wi.x, 0 * wi.x, None)
     return Proposal(
-        lobes, mirror_weight * whole, straight_weight * whole, reflected, transmitted, _straight(stack, wi)
+        lobes, mirror_weight * whole, straight_weight * whole, reflected, transmitted, straight(stack, wi)
     )
 
 
@@ -226,13 +226,3 @@ def _few(
         (e1, x1, y1, _), (e2, x2, y2, _) = rough[i : i + 2]
         rough[i : i + 2] = [(e1 + e2, at_least(x1, x2), at_least(y1, y2), Frame(0.0))]
     return rough
-
-
-def _straight(stack: BoundStack, wi: Vector) -> Vector:
-    """Snell's direction on the far side."""
-    if stack.opaque:
-        return -wi
-    above = wi.z > 0
-    ratio = dr.select(above, stack.indices[0] / stack.indices[-1], stack.indices[-1] / stack.indices[0])
-    z = snell(wi, ratio)
-    return type(wi)(-ratio * wi.x, -ratio * wi.y, dr.select(above, -z, z))

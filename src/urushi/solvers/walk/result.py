@@ -2,18 +2,17 @@
 
 from __future__ import annotations
 
-import importlib
 from collections.abc import Mapping
 from typing import Any
 
 import drjit as dr
 import numpy as np
 
-from urushi import llvm
 from urushi.errors import UrushiError
 from urushi.stack import Stack
 
-from ...optics.vectors import channels
+from ...optics.vectors import channels, module_of
+from ..arrays import LANES, backend_module, choice, fill, number_type, vector_type, whole
 from ..bsdf import BSDF, Sample, directions, random_numbers, same_count
 from ..numbers import gather_numbers
 from ..smooth import has_delta
@@ -23,8 +22,6 @@ from .derivative import bind_live
 #: samples that one lane takes in a row; sums are then added in double precision, in an order that depends on the
 #: number of samples alone, so that splitting a batch changes nothing
 BLOCK = 32
-#: lanes of one launch: bounds the memory that a large batch takes
-LANES = 1 << 20
 
 
 class WalkBSDF(BSDF):
@@ -58,18 +55,18 @@ class WalkBSDF(BSDF):
         precision: str = "single",
         mode: str = "radiance",
     ) -> None:
-        _whole("samples", samples, 1, 2**31 - 1)
-        _whole("seed", seed, 0, 2**32 - 1)
+        whole("samples", samples, 1, 2**31 - 1)
+        whole("seed", seed, 0, 2**32 - 1)
         if max_depth is not None:
-            _whole("max_depth", max_depth, 0, 2**31 - 1)
-        _choice("backend", backend, ("auto", "llvm", "cuda", "scalar"))
-        _choice("precision", precision, ("single", "double"))
-        _choice("mode", mode, ("radiance", "importance"))
+            whole("max_depth", max_depth, 0, 2**31 - 1)
+        choice("backend", backend, ("auto", "llvm", "cuda", "scalar"))
+        choice("precision", precision, ("single", "double"))
+        choice("mode", mode, ("radiance", "importance"))
         self.stack = stack
         self.samples, self.seed, self.max_depth, self.mode = samples, seed, max_depth, mode
         self.parameters = dict(parameters or {})
         self.double = precision == "double"
-        self._module = _backend(backend)
+        self._module = backend_module(backend)
         self._cores: dict[str, tuple[WalkCore, int]] = {}
         core, lanes = self._core(self._module)
         self.lanes = lanes
@@ -83,7 +80,7 @@ class WalkBSDF(BSDF):
             "max_depth": max_depth,
             "interfaces": len(core.stack.interfaces),
             "media": sum(medium is not None for medium in core.stack.media),
-            "coloured": core.spectrum is not self._float(self._module),
+            "coloured": core.spectrum is not number_type(self._module, self.double),
             "delta_parts": has_delta(core.stack),
             "estimated_error": "none but noise: eval(..., with_error=True) gives the standard error",
         }
@@ -94,7 +91,7 @@ class WalkBSDF(BSDF):
         """f |cos theta_o|: (N, 3), (N, 3) -> (N, 3), and its standard error with `with_error` (samples >= 2)."""
         self._may_err(with_error)
         if dr.is_array_v(wi):
-            core, _ = self._core(_module_of(wi))
+            core, _ = self._core(module_of(wi))
             mean, square = core.moments(wi, wo, (), self.seed, 0, self.samples)
             scale = core.scale(wi, wo)
             value = self._colour((mean + core.certain(wi, wo)) * scale, wi)
@@ -123,7 +120,7 @@ class WalkBSDF(BSDF):
     def pdf(self, wi: Any, wo: Any) -> Any:
         """Density of `sample` per solid angle: (N, 3), (N, 3) -> (N,); delta parts are 0."""
         if dr.is_array_v(wi):
-            return self._core(_module_of(wi))[0].pdf(wi, wo)
+            return self._core(module_of(wi))[0].pdf(wi, wo)
         pair = same_count(directions(wi, "wi"), directions(wo, "wo"), "wi and wo")
         (density,) = self._map(lambda core, lanes: (core.pdf(*lanes),), pair)
         return density[0] if np.ndim(wi) == np.ndim(wo) == 1 else density
@@ -131,7 +128,7 @@ class WalkBSDF(BSDF):
     def sample(self, wi: Any, u: Any) -> Sample:
         """Sample wo: wi (N, 3), u (N, 3) in [0, 1); u[:, 0] chooses a lobe, the others a direction of it."""
         if dr.is_array_v(wi):
-            core, _ = self._core(_module_of(wi))
+            core, _ = self._core(module_of(wi))
             wo, pdf, carried, delta = core.sample(wi, u)
             value = core.eval(wi, wo, (), self.seed, 0, self.samples)
             weight = dr.select(delta, carried * core.scale(wi, wo), value) / dr.maximum(pdf, 1e-30)
@@ -158,7 +155,7 @@ class WalkBSDF(BSDF):
     def _flux(self, wi: Any, reflected: bool, with_error: bool) -> Any:
         self._may_err(with_error)
         if dr.is_array_v(wi):
-            core, _ = self._core(_module_of(wi))
+            core, _ = self._core(module_of(wi))
             up, down, up2, down2 = core.flux(wi, (), self.seed, 0, self.samples)
             same = (wi.z > 0) if reflected else (wi.z < 0)
             mean, square = dr.select(same, up, down), dr.select(same, up2, down2)
@@ -196,7 +193,7 @@ class WalkBSDF(BSDF):
             out = self._launch(run, inputs, start, stop, blocks)
             mean, square = (_joined(x, share) for x in out[:2])
             error = np.sqrt(np.maximum(square - np.square(mean), 0) / max(self.samples - 1, 1))
-            _fill(results, [mean, error, *(x[:, 0] for x in out[moments:])], n, start)
+            fill(results, [mean, error, *(x[:, 0] for x in out[moments:])], n, start)
         return results
 
     def _map(self, launch: Any, inputs: tuple[np.ndarray, ...]) -> list[np.ndarray]:
@@ -207,7 +204,7 @@ class WalkBSDF(BSDF):
             out = self._launch(
                 lambda core, lanes, _: launch(core, lanes), inputs, start, min(start + LANES, n), 1
             )
-            _fill(results, [x[:, 0] for x in out], n, start)
+            fill(results, [x[:, 0] for x in out], n, start)
         return results
 
     def _launch(
@@ -217,7 +214,7 @@ class WalkBSDF(BSDF):
         self._may_take(len(inputs[0]))
         if self._module.__name__ == "drjit.scalar":
             return self._launch_scalar(run, inputs, start, stop, blocks)
-        vector, uint = self._vector(self._module), self._module.UInt
+        vector, uint = vector_type(self._module, self.double), self._module.UInt
         lane = dr.arange(uint, (stop - start) * blocks)
         row, block = (lane, uint(0)) if blocks == 1 else (lane // blocks, lane % blocks)
         lanes = []
@@ -241,7 +238,7 @@ class WalkBSDF(BSDF):
     def _launch_scalar(
         self, run: Any, inputs: tuple[np.ndarray, ...], start: int, stop: int, blocks: int
     ) -> list[np.ndarray]:
-        vector = self._vector(self._module)
+        vector = vector_type(self._module, self.double)
         if self.lanes > 1:
             raise UrushiError("backend: 'scalar' takes one value per parameter, found one per evaluation")
         core, _ = self._core(self._module)
@@ -258,18 +255,12 @@ class WalkBSDF(BSDF):
         numbers = gather_numbers(self.stack, self.parameters, module, self.double, "walk")
         if lanes is not None:
             numbers.values = {name: _gathered(value, lanes) for name, value in numbers.values.items()}
-        spectrum = self._vector(module) if numbers.coloured else self._float(module)
+        spectrum = vector_type(module, self.double) if numbers.coloured else number_type(module, self.double)
         stack = bind_live(self.stack, numbers.values, numbers.fixed)
         core = WalkCore(stack, spectrum, radiance=self.mode == "radiance", max_depth=self.max_depth)
         if lanes is None:
             self._cores[module.__name__] = core, numbers.lanes
         return core, numbers.lanes
-
-    def _float(self, module: Any) -> Any:
-        return float if module.__name__ == "drjit.scalar" else module.Float64 if self.double else module.Float
-
-    def _vector(self, module: Any) -> Any:
-        return module.Array3f64 if self.double else module.Array3f
 
     def _uint(self, value: int) -> Any:
         return value if self._module.__name__ == "drjit.scalar" else dr.opaque(self._module.UInt, value)
@@ -294,14 +285,6 @@ class WalkBSDF(BSDF):
             )
 
 
-def _fill(results: list[np.ndarray], parts: list[np.ndarray], rows: int, start: int) -> None:
-    """Put a piece of every result into its place; the first piece makes the places."""
-    if not results:
-        results += [np.empty((rows, *part.shape[1:])) for part in parts]
-    for whole, part in zip(results, parts, strict=True):
-        whole[start : start + len(part)] = part
-
-
 def _joined(blocks: np.ndarray, share: np.ndarray) -> np.ndarray:
     """The mean over blocks of samples: (rows, blocks[, channels]) -> (rows[, channels])."""
     return np.einsum("rb...,b->r...", blocks, share, optimize=False)
@@ -311,32 +294,3 @@ def _gathered(value: Any, lanes: Any) -> Any:
     if isinstance(value, tuple):
         return tuple(_gathered(v, lanes) for v in value)
     return dr.gather(type(value), value, lanes) if dr.width(value) > 1 else value
-
-
-def _module_of(w: Any) -> Any:
-    name = dr.value_t(type(w)).__module__ if dr.value_t(type(w)) is not float else "drjit.scalar"
-    return importlib.import_module(name)
-
-
-def _backend(name: str) -> Any:
-    if name == "auto":
-        name = "cuda" if dr.has_backend(dr.JitBackend.CUDA) else "llvm"
-    if name == "scalar":
-        return importlib.import_module("drjit.scalar")
-    if name == "cuda" and not dr.has_backend(dr.JitBackend.CUDA):
-        raise UrushiError(
-            "backend: found 'cuda', but there is no CUDA device here; allowed: llvm, scalar, auto"
-        )
-    if name == "llvm":
-        llvm.ensure()
-    return importlib.import_module(f"drjit.{name}.ad")
-
-
-def _whole(name: str, value: Any, low: int, high: int) -> None:
-    if isinstance(value, bool) or not isinstance(value, (int, np.integer)) or not low <= value <= high:
-        raise UrushiError(f"{name}: found {value!r}; allowed: a whole number from {low} to {high}")
-
-
-def _choice(name: str, value: Any, allowed: tuple[str, ...]) -> None:
-    if value not in allowed:
-        raise UrushiError(f"{name}: found {value!r}; allowed: {', '.join(allowed)}")

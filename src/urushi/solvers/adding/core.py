@@ -1,0 +1,267 @@
+"""A solution as a BSDF on Dr.Jit arrays: what the Python result and a renderer's plugin both stand on."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import drjit as dr
+import numpy as np
+
+from ...optics.vectors import Array, Vector, at_least, channels
+from ..arrays import number_type
+from ..bound import BoundStack
+from ..direct import direct, direct_is_certain
+from ..facet_lobe import Lobe
+from ..smooth import has_delta, smooth_energy, straight
+from .cells import LUMINANCE, Cells
+from .once import Once, attenuation, covers
+from .proposal import Delta, Proposal
+from .solution import Block, Solution
+from .stencil import Lookup, Stencils
+from .table import ORDER, SIDES, Series, Table
+
+
+@dataclass
+class Prepared:
+    """What is computed once for a solution, in numpy, and serves every module and precision.
+
+    Attributes:
+        solution: the solved stack.
+        series: its table.
+        cells: where it sends its light.
+        face: (R,) luminance of the outermost interface's own lobe, for light from each incident node.
+        totals: (R, 2, C) flux that leaves above and below for light from each node, delta parts included.
+        order: nodes that a direction is interpolated from.
+    """
+
+    solution: Solution
+    series: Series
+    cells: Cells
+    face: np.ndarray
+    totals: np.ndarray
+    order: int = ORDER
+
+    @classmethod
+    def build(cls, solution: Solution, stack: BoundStack, order: int = ORDER) -> Prepared:
+        """Prepare a solution.
+
+        Args:
+            solution: the solved stack.
+            stack: the same stack bound in Dr.Jit's LLVM arrays in double precision.
+            order: nodes that a direction is interpolated from, even.
+        """
+        series = Series(solution)
+        closed = Closed(stack, solution)
+        cells = Cells.build(solution, series, closed.density if closed.more else None)
+        rows = sum(cells.counts)
+        face = np.zeros(rows)
+        totals = np.zeros((rows, 2, solution.colours))
+        for from_above, to_above in series.parts:
+            part = solution.parts[from_above, to_above]
+            i = slice(0, cells.counts[0]) if from_above else slice(cells.counts[0], rows)
+            found = _flux(part.blocks, solution.colours, i.stop - i.start)
+            rest = _flux(part.rest, solution.colours, i.stop - i.start)
+            if from_above == to_above and closed.interface and not covers(stack, from_above, to_above):
+                weights = (
+                    LUMINANCE if solution.colours == 3 else np.full(solution.colours, 1 / solution.colours)
+                )
+                face[i] = np.maximum(rest @ weights, 0)
+            totals[i, 0 if to_above else 1] = found + rest
+            if part.delta is not None:
+                some = part.delta.shape[1]
+                totals[i, 0 if to_above else 1][:some] += part.delta.T
+        return cls(solution, series, cells, face, totals, order)
+
+    @property
+    def scatters(self) -> bool:
+        """False if there are delta parts only."""
+        return bool(self.face.any() or self.cells.mass.any())
+
+
+class Closed:
+    """What a solution leaves to closed forms.
+
+    Attributes:
+        interface: whether it leaves one meeting with an outermost interface.
+        more: whether there is anything else than reflection by such an interface.
+    """
+
+    def __init__(self, stack: BoundStack, solution: Solution) -> None:
+        self.stack = stack
+        self.interface = solution.closed_form is not None and direct_is_certain(stack)
+        self.once = None
+        sides = [(True, True)] if stack.opaque else SIDES
+        if solution.closed_form == "single" and any(covers(stack, *side) for side in sides):
+            self.once = Once(stack, attenuation(stack, solution.forward))
+        passes = len(stack.interfaces) == 1 and not stack.opaque and stack.interfaces[0].delta is not True
+        self.more = self.once is not None or (self.interface and passes)
+
+    def eval(self, wi: Vector, wo: Vector) -> Array:
+        """Flux density from wi to wo."""
+        value: Array = 0 * wi.x
+        if self.interface:
+            value = value + direct(self.stack, wi, wo)
+        if self.once is not None:
+            value = value + self.once.eval(wi, wo)
+        return value
+
+    def density(
+        self, mu_i: np.ndarray, mu_o: np.ndarray, phi: np.ndarray, from_above: bool, to_above: bool
+    ) -> np.ndarray:
+        """(C, N) flux density, less reflection by an outermost interface, between these cosines and sides (N,)."""
+        from drjit.llvm.ad import Array3f64
+
+        sin_i, sin_o = (np.sqrt((1 - mu) * (1 + mu)) for mu in (mu_i, mu_o))
+        wi = Array3f64(-sin_i, 0 * sin_i, mu_i if from_above else -mu_i)
+        wo = Array3f64(sin_o * np.cos(phi), sin_o * np.sin(phi), mu_o if to_above else -mu_o)
+        value: Array = 0 * wi.x
+        if self.once is not None:
+            value = value + self.once.eval(wi, wo)
+        if self.interface and from_above != to_above:
+            value = value + direct(self.stack, wi, wo)
+        return np.atleast_2d(np.array(value))
+
+
+class AddingCore:
+    """A solution in one module and precision. All arrays are evaluated: `eval` and the others may be traced anywhere.
+
+    Args:
+        prepared: the solution.
+        stack: the same stack with its numbers, in that module and precision.
+        spectrum: type of a colour, or of a number where the solution has one channel.
+        module, double: the Dr.Jit module, and whether to compute in double precision.
+        radiance: scale transmitted light as radiance (n_wi / n_wo)^2; False for importance (flux).
+    """
+
+    def __init__(
+        self,
+        prepared: Prepared,
+        stack: BoundStack,
+        spectrum: Any,
+        module: Any,
+        double: bool,
+        radiance: bool = True,
+    ) -> None:
+        solution = prepared.solution
+        number = number_type(module, double)
+        self.stack, self.spectrum, self.radiance = stack, spectrum, radiance
+        self.colours = solution.colours
+        self.closed = Closed(stack, solution)
+        regions = (0,) if stack.opaque else (0, -1)
+        self.stencils = Stencils(solution.grid, regions, prepared.order, module, double)
+        empty = prepared.series.empty
+        self.table = None if empty else Table(solution, prepared.series, self.stencils, module, double)
+        self.proposal = Proposal(prepared.cells, prepared.face, module, double)
+        self.scatters = prepared.scatters
+        self.above = prepared.cells.counts[0]
+        self.totals = Lookup(prepared.totals, number)
+        self.peaks = Lookup(prepared.cells.peak, number)
+        self.delta = has_delta(stack)
+
+    # --- values ------------------------------------------------------------------------------------------------
+
+    def scale(self, wi: Vector, wo: Vector) -> Array:
+        """The factor of radiance: (n_wi / n_wo)^2 where wi and wo lie on different sides, else 1."""
+        if self.stack.opaque or not self.radiance:
+            return 1.0
+        ratio = dr.square(self.stack.indices[0] / self.stack.indices[-1])
+        return dr.select(wi.z * wo.z > 0, 1.0, dr.select(wi.z > 0, ratio, dr.rcp(ratio)))
+
+    def eval(self, wi: Vector, wo: Vector) -> Array:
+        """f |cos wo| without the delta parts."""
+        wi, wo = dr.detach(wi), dr.detach(wo)
+        value = self.closed.eval(wi, wo)
+        if self.table is not None:
+            value = self._colour(self.table.eval(wi, wo)) + value
+        return self._spectrum(dr.select((wi.z != 0) & (wo.z != 0), value * self.scale(wi, wo), 0))
+
+    def peak(self, wi: Vector) -> Array:
+        """The largest f that the nodes around wi know, in flux (no factor of radiance)."""
+        (one, two), t = self.proposal.around(dr.detach(wi))
+        n = self.colours
+        rows = [at_least((1 - t) * self.peaks[one * n + c], t * self.peaks[two * n + c]) for c in range(n)]
+        return self._spectrum(self._colour(rows))
+
+    def reflectance(self, wi: Vector) -> Array:
+        """Flux that leaves on the side of wi, delta parts included."""
+        return self._flux(dr.detach(wi), True)
+
+    def transmittance(self, wi: Vector) -> Array:
+        """Flux that leaves on the other side (no factor of radiance), delta parts included."""
+        return self._flux(dr.detach(wi), False)
+
+    def _flux(self, wi: Vector, same: bool) -> Array:
+        if not self.scatters:
+            return self._spectrum(smooth_energy(self.stack, wi)[0 if same else 1])
+        place = self.stencils.place(wi)
+        sums = [0 * wi.x] * self.colours
+        row_of = 0 if self.stack.opaque else dr.select(wi.z > 0, 0, self.above)
+        up = (wi.z > 0) if same else (wi.z <= 0)
+        for k in range(self.stencils.order):
+            node, _ = self.stencils.entry(place, k)
+            weight = self.stencils.weight(place, k)
+            first = ((node + row_of) * 2 + dr.select(up, 0, 1)) * self.colours
+            sums = [value + weight * self.totals[first + c] for c, value in enumerate(sums)]
+        lit = (wi.z > 0) if self.stack.opaque else (wi.z != 0)
+        return self._spectrum(dr.select(lit, self._colour([at_least(value, 0) for value in sums]), 0))
+
+    # --- samples -----------------------------------------------------------------------------------------------
+
+    def pdf(self, wi: Vector, wo: Vector) -> Array:
+        """Density of `sample`, per solid angle, without the delta parts."""
+        wi, wo = dr.detach(wi), dr.detach(wo)
+        return self.proposal.pdf(self.proposal.mixture(wi, self._delta(wi), self._faces(wi)), wi, wo)
+
+    def sample(self, wi: Vector, u: Vector) -> tuple[Vector, Array, Array, Any]:
+        """(wo, density or probability, what a delta part carries in flux, mask of delta lanes)."""
+        wi = dr.detach(wi)
+        delta = self._delta(wi)
+        mixture = self.proposal.mixture(wi, delta, self._faces(wi))
+        wo, probability, carried, is_delta = self.proposal.sample(mixture, wi, u, delta)
+        density = self.proposal.pdf(mixture, wi, wo)
+        return wo, dr.select(is_delta, probability, density), carried, is_delta
+
+    def _delta(self, wi: Vector) -> Delta:
+        mirrored = type(wi)(-wi.x, -wi.y, wi.z)
+        if not self.delta:
+            return Delta(0 * wi.x, 0 * wi.x, mirrored, None)
+        reflected, transmitted = smooth_energy(self.stack, wi)
+        return Delta(
+            reflected, transmitted, mirrored, None if self.stack.opaque else straight(self.stack, wi)
+        )
+
+    def _faces(self, wi: Vector) -> list[Lobe]:
+        """The lobes of the outermost interfaces; their shares say on which side wi has to be."""
+        if not self.closed.interface:
+            return []
+        axis = type(wi)(wi.x, wi.y, at_least(dr.abs(wi.z), 1e-6))
+        found = []
+        for above in (True,) if self.stack.opaque else (True, False):
+            interface = self.stack.interfaces[0 if above else -1]
+            if interface.delta is True:
+                continue
+            single = interface.single or interface
+            facets, frame = getattr(single, "facets", None), getattr(single, "frame", None)
+            found.append(Lobe((wi.z > 0) if above else (wi.z < 0), above, axis, facets, frame))
+        return found
+
+    # --- colours -----------------------------------------------------------------------------------------------
+
+    def _colour(self, values: list[Array]) -> Array:
+        """Channels as one value that closed forms can be added to."""
+        if len(values) == 1:
+            return values[0]
+        return self.spectrum(*values)
+
+    def _spectrum(self, value: Array) -> Array:
+        return value if channels(value) else self.spectrum(value)
+
+
+def _flux(blocks: list[Block], colours: int, n_in: int) -> np.ndarray:
+    """(n_in, C) what arrives anywhere of the light of each node."""
+    found = np.zeros((n_in, colours))
+    for block in blocks:
+        if 0 in block.orders:
+            found[block.first :] += block.values[:, block.orders.index(0)].sum(axis=1).T
+    return found
