@@ -67,8 +67,8 @@ MATRICES = Algebra(operator.matmul, _solve)
 def add(upper: Slab, lower: Slab, algebra: Algebra = NUMBERS) -> Slab:
     """Put `upper` on `lower`. Nothing may reflect everything between them for ever, so that the series converges."""
     return Slab(
-        *_from_above(upper, lower, algebra),
-        *_from_above(lower.turned_over(), upper.turned_over(), algebra),
+        *from_above(upper, lower, algebra),
+        *from_above(lower.turned_over(), upper.turned_over(), algebra),
     )
 
 
@@ -98,7 +98,7 @@ def pile(slab: Slab, count: int, algebra: Algebra = NUMBERS) -> Slab:
         slab = _join(slab, slab, algebra)
 
 
-def _from_above(upper: Slab, lower: Slab, algebra: Algebra) -> tuple[Any, Any]:
+def from_above(upper: Slab, lower: Slab, algebra: Algebra) -> tuple[Any, Any]:
     """Reflection and transmission of both together, for light from above."""
     times = algebra.times
     down = algebra.bounce(upper.r_bottom, lower.r_top, upper.t_down)  # all that travels down between them
@@ -109,5 +109,5 @@ def _join(upper: Slab, lower: Slab, algebra: Algebra) -> Slab:
     """Add layers that are piles of the same kind: if that is symmetric, so are they, and half the work is saved."""
     if not (upper.symmetric and lower.symmetric):
         return add(upper, lower, algebra)
-    r, t = _from_above(upper, lower, algebra)
+    r, t = from_above(upper, lower, algebra)
     return Slab(r, t, r, t)

@@ -1,0 +1,111 @@
+"""The layers of a stack, each ready to give its operators for any azimuthal orders.
+
+Every layer is asked for a few orders at a time, and for the nodes from `first` on: sharp stacks have thousands of
+orders, and what they all need together does not fit in memory.
+"""
+
+from __future__ import annotations
+
+from typing import Any, Protocol
+
+import numpy as np
+
+from ...adding import Slab
+from ...interfaces import Interface
+from ...media import BoundMedium
+from . import media, single
+from .basis import Grid
+from .delta_m import Truncated
+from .operator import Operator
+from .phase import Phase
+from .smooth import smooth
+
+
+class Layer(Protocol):
+    """An interface or a medium on the nodes.
+
+    Attributes:
+        orders: azimuthal orders from this one on have no dense part.
+        error: what the nodes miss, relative to the light there is, before it was put right.
+    """
+
+    orders: int
+    error: float
+
+    def first(self, orders: range) -> int:
+        """The nodes before this one have nothing dense of these orders."""
+
+    def slab(self, orders: range, first: int) -> Slab:
+        """The four operators between the nodes from `first` on."""
+
+
+class SmoothLayer:
+    """A smooth interface, or none."""
+
+    orders, error = 0, 0.0
+
+    def __init__(self, interface: Interface, grid: Grid, region: int) -> None:
+        self._slab = smooth(interface, grid, region)
+
+    def first(self, orders: range) -> int:
+        return 0
+
+    def slab(self, orders: range, first: int) -> Slab:
+        return Slab(*(_cut(operator, first) for operator in self._slab))
+
+
+class MediumLayer:
+    """A homogeneous medium.
+
+    Args:
+        medium: with its numbers, in double precision.
+        phase: its phase function as a series.
+        grid, region: the nodes.
+        tolerance: what of the phase function may be left out, relative to its peak.
+    """
+
+    def __init__(self, medium: BoundMedium, phase: Phase, grid: Grid, region: int, tolerance: float) -> None:
+        self.mu, self.weights = grid.mu[region], grid.weights[region]
+        self.truncated = Truncated.fit(phase, self.mu, self.weights, tolerance)
+        depth, albedo = numbers(medium.depth), numbers(medium.albedo)
+        self.depth, self.albedo = self.truncated.scale(depth, albedo)
+        scatters = medium.scatters and bool(self.albedo.any() and self.depth.any())
+        self.orders = len(self.truncated.moments) if scatters else 0
+        self.error = self._scattering(range(1), 0).correction if scatters else 0.0
+        self.cut = self.truncated.forward + self.truncated.backward
+
+    def first(self, orders: range) -> int:
+        return 0
+
+    def _scattering(self, orders: range, first: int) -> media.Scattering:
+        cut = self.truncated
+        return media.Scattering.build(
+            self.mu[first:], self.weights[first:], cut.moments, orders, cut.backward
+        )
+
+    def slab(self, orders: range, first: int) -> Slab:
+        if orders.start < self.orders:
+            return media.slab(self._scattering(orders, first), self.depth, self.albedo)
+        n = len(self.mu) - first
+        r, t = Operator((n, n)), Operator((n, n), np.exp(-self.depth[:, None] / self.mu[first:]))
+        return Slab(r, t, r, t)
+
+    def once(self, orders: range, first: int) -> tuple[Operator, Operator]:
+        """Light scattered once, reflected and transmitted, by the same series."""
+        n = len(self.mu) - first
+        if orders.start >= self.orders:
+            return Operator((n, n)), Operator((n, n))
+        r, t = single.operators(self._scattering(orders, first), self.depth, self.albedo)
+        return Operator((n, n), None, r), Operator((n, n), None, t)
+
+
+def numbers(value: Any) -> np.ndarray:
+    """(C,) a number or a colour of a bound stack, out of Dr.Jit."""
+    return np.atleast_1d(np.array(value, dtype=float)).reshape(-1)
+
+
+def _cut(operator: Operator, first: int) -> Operator:
+    shape = operator.shape[0] - first, operator.shape[1] - first
+    delta = None if operator.delta is None else operator.delta[:, first:]
+    dense = None if operator.dense is None else operator.dense[:, :, first:, first:]
+    return Operator((max(shape[0], 0), max(shape[1], 0)), delta, dense)

@@ -1,0 +1,158 @@
+"""Choosing the resolution: more nodes, until more nodes change nothing that anyone asked for.
+
+Two solutions on different nodes are compared where neither has a node: at fixed angles of incidence, grazing ones
+included, and at directions around the mirror direction, where lobes peak. What they differ by is the error of the
+coarser one; the finer one, which is kept, is better than that.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+
+from ...errors import UrushiError
+from .solution import Block, Part, Solution
+
+#: cosines of incidence that are compared; `OFFSETS` from the mirror direction in polar angle, `AZIMUTHS` in azimuth
+COSINES = np.array([1.0, 0.96, 0.83, 0.68, 0.52, 0.37, 0.23, 0.11])
+OFFSETS = np.radians([0, 0.7, -1.1, 2.3, -3.1, 5.7, -7.9, 13.0, -17.0, 31.0, -41.0, 57.0])
+AZIMUTHS = np.radians([0, 0.9, 3.7, 11.0, 29.0, 75.0, 120.0, 180.0])
+#: what the number of nodes is multiplied with
+GROWTH = 1.5
+#: nodes beyond which refining gives up
+MOST_NODES = 1500
+
+
+def refine(solve: Callable[[list[int]], Solution], counts: list[int], accuracy: float) -> Solution:
+    """Solve with more and more nodes until two solutions agree.
+
+    Args:
+        solve: from numbers of nodes per panel to a solution.
+        counts: the numbers to begin with.
+        accuracy: absolute error allowed of reflectance and transmittance, and of the BSDF relative to its peak for
+            the same angle of incidence.
+
+    Returns:
+        the finer of both, its diagnostics completed by "error", "accuracy", "seconds" and "history".
+
+    Raises:
+        UrushiError: the accuracy is not reached with `MOST_NODES` nodes.
+    """
+    start = time.perf_counter()
+    coarse = solve([max(int(n / GROWTH), 4) for n in counts])
+    history: list[tuple[int, float]] = []
+    while True:
+        fine = solve(counts)
+        error = difference(coarse, fine)
+        history.append((len(fine.grid.s), error))
+        if error <= accuracy:
+            found = {"error": error, "accuracy": accuracy, "seconds": time.perf_counter() - start}
+            return replace(fine, diagnostics={**fine.diagnostics, **found, "history": history})
+        counts = [int(np.ceil(GROWTH * n)) for n in counts]
+        if sum(counts) > MOST_NODES:
+            raise UrushiError(
+                f"accuracy: found {accuracy:g}, but {len(fine.grid.s)} nodes still leave an error of {error:.2g}; "
+                "allowed: a larger one, or fixed nodes=..."
+            )
+        coarse = fine
+
+
+def difference(one: Solution, other: Solution) -> float:
+    """The largest difference of two solutions of the same stack (see `refine`)."""
+    worst = 0.0
+    for side in other.parts:
+        a, b = one.parts[side], other.parts[side]
+        worst = max(worst, float(np.abs(albedo(one, a, COSINES) - albedo(other, b, COSINES)).max()))
+        mu_i, mu_o, phi = _pairs(other, side)
+        peak = peaks(other, b)
+        change = np.abs(values(one, a, mu_i, mu_o, phi) - values(other, b, mu_i, mu_o, phi)).max(axis=(0, 2))
+        worst = max(worst, float((change / np.maximum(peak, 1e-12)).max()))
+    return worst
+
+
+def albedo(solution: Solution, part: Part, mu: np.ndarray) -> np.ndarray:
+    """(C, N) reflectance or transmittance of a part at cosines of incidence (N,), delta parts included."""
+    region = 0 if part.from_above else -1
+    total = np.zeros((solution.colours, len(solution.grid.mu[region])))
+    if part.delta is not None:
+        total[:, : part.delta.shape[1]] += part.delta
+    for block in part.whole():
+        if block.orders.start == 0:
+            total[:, block.first :] += block.values[:, 0].sum(axis=1)
+    stencil = solution.grid.stencil(_positive(solution, region), mu)
+    return np.einsum("cnk,nk->cn", total[:, stencil.node], stencil.even)
+
+
+def values(solution: Solution, part: Part, mu_i: np.ndarray, mu_o: np.ndarray, phi: np.ndarray) -> np.ndarray:
+    """(C, I, P) BSDF f (without cosine and squared index) of the blocks, closed forms left out.
+
+    Args:
+        mu_i: (I,) cosines of incidence.
+        mu_o, phi: (I, P) cosines of exit and azimuths for each.
+    """
+    grid = solution.grid
+    region_i, region_o = (
+        _positive(solution, 0 if above else -1) for above in (part.from_above, part.to_above)
+    )
+    into, out = grid.stencil(region_i, mu_i), grid.stencil(region_o, mu_o.ravel())
+    shape = mu_o.shape
+    node = out.node.reshape(*shape, -1)
+    even, odd = (w.reshape(*shape, -1) for w in (out.even, out.odd))
+    own_i, own_o = grid.mu[region_i], grid.mu[region_o]
+    scale = (own_o[:, None] + own_i) / (own_o * grid.weights[region_o])[:, None] / (2 * np.pi)
+    found = np.zeros((solution.colours, *shape))
+    for block in part.blocks:
+        orders = np.array(block.orders)
+        cosines = np.cos(orders * phi[..., None]) * np.where(orders > 0, 2, 1)
+        for j in range(len(mu_i)):
+            rows, columns = _inside(node[j], block), _inside(into.node[j], block)
+            q = block.values * scale[block.first :, block.first :]
+            for k, parity in enumerate(orders % 2):
+                wo, wi = (odd[j], into.odd[j]) if parity else (even[j], into.even[j])
+                column = q[:, k][:, :, columns[0]] @ np.where(columns[1], wi, 0)
+                at = np.einsum("cpk,pk->cp", column[:, rows[0]], np.where(rows[1], wo, 0))
+                found[:, j] += at * cosines[j, :, k]
+    return found / (mu_o + mu_i[:, None])
+
+
+def peaks(solution: Solution, part: Part) -> np.ndarray:
+    """(I,) the largest f at each of `COSINES` among the nodes, at azimuths 0 and 180 degrees, closed forms included."""
+    grid = solution.grid
+    region_i, region_o = (
+        _positive(solution, 0 if above else -1) for above in (part.from_above, part.to_above)
+    )
+    mu_o, weight = grid.mu[region_o], grid.weights[region_o]
+    total = np.zeros((2, len(mu_o), len(grid.mu[region_i])))
+    for block in part.whole():
+        orders = np.array(block.orders)
+        both = np.stack([np.where(orders > 0, 2, 1), np.where(orders > 0, 2, 1) * (-1.0) ** orders])
+        total[:, block.first :, block.first :] += np.einsum(
+            "sm,cmoi->csoi", both, block.values, optimize=True
+        ).max(axis=0)
+    highest = (total / (2 * np.pi * mu_o * weight)[:, None]).max(axis=(0, 1))
+    nearest = np.abs(grid.mu[region_i][:, None] - COSINES).argmin(axis=0)
+    return np.asarray(highest[nearest])
+
+
+def _pairs(solution: Solution, side: tuple[bool, bool]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Cosines of incidence, and for each the cosines of exit and azimuths to look at."""
+    n_i, n_o = (solution.grid.indices[0 if above else -1] for above in side)
+    sin_o = np.sqrt(1 - COSINES**2) * n_i / n_o
+    mirror = np.arcsin(np.minimum(sin_o, 1))
+    theta = np.abs(mirror[:, None] + OFFSETS)
+    theta = np.where(theta > np.radians(86), np.radians(86) - OFFSETS**2, theta)
+    mu_o, phi = np.broadcast_arrays(np.cos(theta)[..., None], AZIMUTHS)
+    flat = len(OFFSETS) * len(AZIMUTHS)
+    return COSINES, mu_o.reshape(-1, flat), phi.reshape(-1, flat)
+
+
+def _positive(solution: Solution, region: int) -> int:
+    return region % len(solution.grid.indices)
+
+
+def _inside(node: np.ndarray, block: Block) -> tuple[np.ndarray, np.ndarray]:
+    """Nodes counted from the block's first, and which of them the block has."""
+    return np.maximum(node - block.first, 0), node >= block.first
