@@ -13,6 +13,7 @@ interface is sampled instead, until the standard error is below it.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 import drjit as dr
@@ -93,7 +94,12 @@ def hemispherical(interface: Interface, above: bool = True, *, accuracy: float =
     smooth = interface.delta is True
     x, y = (1.0, 1.0) if smooth else _roughness(interface)
     eta = _number(interface.ratio(above))
-    breaks = (np.sqrt(1 - eta**2),) if smooth and 0 < eta < 1 else ()
+    breaks = []
+    if 0 < eta < 1:
+        # Total reflection ends within a few times the roughness of the critical angle.
+        critical = float(np.sqrt(1 - eta**2))
+        ends = (critical,) if smooth else (critical - 3 * max(x, y), critical, critical + 3 * max(x, y))
+        breaks = [c for c in ends if 0 < c < 1]
     before: Pair | None = None
     error = np.inf
     for n in (6, 12, 24, 48, 96):
@@ -110,7 +116,7 @@ def hemispherical(interface: Interface, above: bool = True, *, accuracy: float =
 
 
 def hemisphere(
-    n: int, azimuths: int, alpha: float, breaks: tuple[float, ...] = ()
+    n: int, azimuths: int, alpha: float, breaks: Sequence[float] = ()
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Directions (N, 3) and weights (N,) of the mean over the hemisphere by cosine.
 

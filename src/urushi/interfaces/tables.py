@@ -32,6 +32,8 @@ DATA = Path(__file__).parent / "data"
 COSINES, ROUGHNESSES, INDICES = 64, 32, 65
 #: nodes of those of anisotropic ones
 COARSE_COSINES, COARSE_ROUGHNESSES, COARSE_INDICES, RATIOS, AZIMUTHS = 20, 12, 25, 7, 13
+#: and those of how what is lost is shared; indices from 1 on
+SHARE_INDICES, SHARE_ROUGHNESSES = 17, 12
 #: largest index ratio, and largest ratio of roughnesses
 MOST_INDEX, MOST_RATIO = 5.0, 16.0
 #: share of the cosines' axis for those below the roughness
