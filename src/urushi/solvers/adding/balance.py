@@ -1,0 +1,71 @@
+"""Reciprocity and energy of an interface's matrices, made exact.
+
+Etendue W times a matrix is symmetric for light that may go either way, A[o, i] W_i = A*[i, o] W_o, with A* what
+carries light back. Columns computed one by one have that up to what the nodes do not resolve. Of the two values of
+each exchange, the one that was computed as a share of less light is the surer: they are averaged with weights W^2 of
+the other end. Then every node gets a factor, near 1, that makes the columns of reflection and transmission together
+add up to what they should (as Sinkhorn's scaling does, here by Newton's method); reciprocity survives that.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ...adding import Slab
+from ...errors import UrushiError
+
+
+def reciprocal(there: np.ndarray, back: np.ndarray, w_out: np.ndarray, w_in: np.ndarray) -> np.ndarray:
+    """A matrix made reciprocal.
+
+    Args:
+        there: (..., n_out, n_in).
+        back: (..., n_in, n_out) the same exchanges the other way.
+        w_out, w_in: etendue of the nodes.
+    """
+    returned = np.swapaxes(back, -1, -2) * (w_out[:, None] / w_in)
+    sure, unsure = w_out[:, None] ** 2, w_in**2
+    return (there * sure + returned * unsure) / (sure + unsure)
+
+
+def all_reciprocal(slab: Slab, w_above: np.ndarray, w_below: np.ndarray) -> Slab:
+    """The four matrices (..., n_out, n_in) of an interface, exactly reciprocal."""
+    down = reciprocal(slab.t_down, slab.t_up, w_below, w_above)
+    return Slab(
+        _mirror(slab.r_top, w_above),
+        down,
+        _mirror(slab.r_bottom, w_below),
+        np.swapaxes(down, -1, -2) * (w_above[:, None] / w_below),
+    )
+
+
+def _mirror(r: np.ndarray, w: np.ndarray) -> np.ndarray:
+    return reciprocal(r, r, w, w)
+
+
+def scales(matrix: np.ndarray, sums: np.ndarray) -> np.ndarray:
+    """(C, n) factors d such that the columns of d_o A[o, i] d_i add up to `sums`.
+
+    Args:
+        matrix: (C, n, n) order 0 of a whole interface: nodes above, then nodes below.
+        sums: (C, n).
+
+    Raises:
+        UrushiError: the nodes are too few for the sums to come near.
+    """
+    d = np.ones(sums.shape)
+    for _ in range(30):
+        received = np.einsum("co,coi->ci", d, matrix)
+        missing = sums - received * d
+        if np.abs(missing).max() < 1e-13:
+            break
+        slope = np.swapaxes(matrix, 1, 2) * d[:, :, None]
+        n = np.arange(d.shape[1])
+        slope[:, n, n] += received
+        d = d + np.linalg.solve(slope, missing[..., None])[..., 0]
+    if not (np.abs(missing).max() < 1e-9 and d.min() > 0.5 and d.max() < 2):
+        raise UrushiError(
+            f"interface: its matrices on {d.shape[1]} nodes miss {np.abs(sums - matrix.sum(1)).max():.2g} of the light; "
+            "allowed: nodes close enough together that a factor between 0.5 and 2 puts that right"
+        )
+    return d

@@ -1,0 +1,272 @@
+"""Columns of an interface's matrices: where the light of each node goes, whatever the width of the lobe.
+
+The matrix of a rough interface could hold its values at pairs of nodes, times a weight; then the nodes must resolve
+the lobe, and a roughness of 0.01 needs hundreds of them. Here the light is collected instead: what leaves in the
+direction mu is shared among the nodes around it by the basis functions L_o of the grid (the Lagrange polynomials of
+its panels, whose sum is 1 everywhere):
+
+    A_m[o, i] = integral of L_o(mu) k_m(mu <- mu_i) dmu,        k_m = integral of k cos(m phi) dphi
+
+So every column adds up to the true albedo, a lobe too narrow for the nodes acts on all that is smooth as it should,
+the limit of a smooth interface is its diagonal, and where the nodes resolve the lobe A_m[o, i] is w_o k_m(mu_o <- mu_i)
+again. phi is the azimuth between the ways light travels: 0 is straight on, and the mirror direction.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Any
+
+import drjit as dr
+import numpy as np
+
+from ...interfaces import Interface
+from .angles import Fan, Ring, fan, gauss, ring
+from .basis import Grid
+
+#: values of the interface computed at a time
+LANES = 1 << 21
+#: the narrowest lobe that gets panels of its own, in radians
+NARROWEST = 1e-5
+
+
+@dataclass(frozen=True)
+class Side:
+    """One of the four operators of an interface.
+
+    Attributes:
+        interface: the boundary, in double precision.
+        grid: the nodes.
+        source, target: the regions that light comes from and goes to.
+        above: whether it comes from above.
+    """
+
+    interface: Interface
+    grid: Grid
+    source: int
+    target: int
+    above: bool
+
+    @property
+    def reflects(self) -> bool:
+        return self.source == self.target
+
+    @property
+    def ratio(self) -> float:
+        """Index beyond the boundary over that on the incident side."""
+        return _number(self.interface.ratio(self.above))
+
+    @property
+    def alpha(self) -> float:
+        """Roughness; 1 for what has none but is no smooth interface either."""
+        alpha = max(_number(a) for a in self.interface.roughness())
+        return alpha if alpha > 0 else 1.0
+
+    def azimuth(self, node: int) -> float:
+        """Width of the lobe about the direction of the smooth interface, in azimuth.
+
+        At width x the facet between both directions has the slope alpha (at imaginary x, where GGX has its poles).
+        """
+        if node >= min(self.grid.count(self.source), self.grid.count(self.target)):
+            return np.inf
+        sin = self.grid.s[node] / self.grid.indices[self.source]
+        cos_i, cos_o = self.grid.mu[self.source][node], self.grid.mu[self.target][node]
+        z = 2 * max(cos_i, self.alpha) if self.reflects else abs(self.ratio * cos_o - cos_i)
+        return float(2 * np.arcsinh(self.alpha * z / max(2 * sin, 1e-30)))
+
+
+def _number(value: Any) -> float:
+    return float(np.max(np.array(value)))
+
+
+def columns(side: Side, orders: range, points: int, first: int = 0) -> np.ndarray:
+    """(C, len(orders), n_out - first, n_in - first) what nodes receive, in each order, of the flux of each node.
+
+    Args:
+        side: which operator.
+        orders: azimuthal orders.
+        points: Gauss points per panel of every integral.
+        first: nodes before this one neither send nor receive.
+    """
+    grid = side.grid
+    sin_i = grid.s[: grid.count(side.source)] / grid.indices[side.source]
+    cos_i = grid.mu[side.source]
+    n_out = grid.count(side.target)
+    fans = [_fan(side, sin, cos, points) for sin, cos in zip(sin_i[first:], cos_i[first:], strict=True)]
+    found: np.ndarray | None = None
+    for some in _chunks([len(f.cos) * len(orders) for f in fans]):
+        lengths = [len(fans[i].cos) for i in some]
+        series = Pairs(
+            np.repeat(sin_i[first:][some.start : some.stop], lengths),
+            np.repeat(cos_i[first:][some.start : some.stop], lengths),
+            np.concatenate([fans[i].sin for i in some]),
+            np.concatenate([fans[i].cos for i in some]),
+        ).series(side, orders, points)
+        if found is None:
+            found = np.zeros((len(series), len(orders), n_out, len(fans)))
+        start = 0
+        for i in some:
+            _share(side, fans[i], series[:, start : start + len(fans[i].cos)], orders, found[..., i])
+            start += len(fans[i].cos)
+    assert found is not None
+    if first == 0:  # light along the normal has no azimuth
+        turning = np.asarray(orders) > 0
+        found[:, turning, 0] = 0
+        found[:, turning, :, 0] = 0
+    return np.ascontiguousarray(found[:, :, first:])
+
+
+def _share(side: Side, points: Fan, series: np.ndarray, orders: range, found: np.ndarray) -> None:
+    """Collect k_m at the points of a fan (C, F, M) on the nodes (C, M, n_out) by their basis functions."""
+    for p, panel in enumerate(side.grid.panels[: len(points.starts) - 1]):
+        part = slice(points.starts[p], points.starts[p + 1])
+        flux = series[:, part].transpose(0, 2, 1) * points.weight[part]
+        for odd in (False, True):
+            these = slice((orders.start + odd) % 2, None, 2)
+            functions = side.grid.functions(panel, points.coordinate[part], odd)
+            found[:, these, panel.nodes] = flux[:, these] @ functions
+
+
+def _chunks(sizes: list[int], limit: int = 4_000_000) -> Iterator[range]:
+    """Consecutive columns that fit in memory together."""
+    start, total = 0, 0
+    for i, size in enumerate(sizes):
+        if total + size > limit and i > start:
+            yield range(start, i)
+            start, total = i, 0
+        total += size
+    yield range(start, len(sizes))
+
+
+def _fan(side: Side, sin_i: float, cos_i: float, points: int) -> Fan:
+    grid, eta, alpha = side.grid, side.ratio, side.alpha
+    n_in, n_out = grid.indices[side.source], grid.indices[side.target]
+    theta_i = float(np.arctan2(sin_i, cos_i))
+    sin_o = sin_i * n_in / n_out
+    centre = float(np.arcsin(min(sin_o, 1.0)))
+    kinks: list[float] = []
+    if side.reflects:
+        width = 2 * alpha
+        if (
+            eta < 1
+        ):  # total reflection of a facet begins: the angle between both directions is twice the critical one
+            critical = 2 * np.arcsin(eta)
+            kinks = [critical - theta_i, theta_i - critical, theta_i + critical]
+    else:
+        cos_o = np.sqrt(max(1 - sin_o**2, 0.0))
+        width = alpha * abs(1 - cos_i / (eta * cos_o)) if eta * cos_o > cos_i * 0.1 else alpha
+        edge = np.arccos(min(eta, 1 / eta))  # no facet bends light by more
+        kinks = [theta_i - edge, theta_i + edge, edge - theta_i]
+        if cos_i < eta:  # the facet between them stands upright, and D of GGX does not end there
+            kinks.append(float(np.arccos(cos_i / eta)))
+    width = min(max(width, NARROWEST), 0.5)
+    return fan(grid, side.target, centre, width, min(alpha, 0.5), kinks, points)
+
+
+@dataclass(frozen=True)
+class Pairs:
+    """Pairs of directions, incident and outgoing, each with sine and cosine of its polar angle: (P,) all."""
+
+    sin_i: np.ndarray
+    cos_i: np.ndarray
+    sin_o: np.ndarray
+    cos_o: np.ndarray
+
+    def __getitem__(self, which: Any) -> Pairs:
+        return Pairs(self.sin_i[which], self.cos_i[which], self.sin_o[which], self.cos_o[which])
+
+    def series(self, side: Side, orders: range, points: int) -> np.ndarray:
+        """(C, P, M) integrals of k cos(m phi) over the circle."""
+        level = self._levels(side)
+        found: np.ndarray | None = None
+        for one in np.unique(level):
+            circle = ring(int(one), orders.start, orders.stop, points)
+            of_level = np.flatnonzero(level == one)
+            step = max(LANES // len(circle.phi), 1)
+            for start in range(0, len(of_level), step):
+                which = of_level[start : start + step]
+                sources = self[which]._sources(side, circle)
+                if found is None:
+                    found = np.empty((len(sources), len(level), len(orders)))
+                found[:, which] = sources @ circle.cosines
+        assert found is not None
+        return found
+
+    def _levels(self, side: Side) -> np.ndarray:
+        """(P,) the width of each lobe in azimuth, as a power of 2 to divide by.
+
+        The facet between both directions has a slope whose square is |eta o - w|^2 / Z^2 in the plane, Z what the
+        directions have along the normal: it passes alpha^2 where phi passes this width.
+        """
+        eta = 1.0 if side.reflects else side.ratio
+        z = self.cos_i + self.cos_o if side.reflects else np.abs(eta * self.cos_o - self.cos_i)
+        sin_o = eta * self.sin_o
+        across = np.maximum(sin_o * self.sin_i, 1e-30)
+        width = np.sqrt(((side.alpha * z) ** 2 + 0.01 * (sin_o - self.sin_i) ** 2) / across)
+        return np.clip(np.ceil(-np.log2(np.clip(width, 1e-9, 1.0))), 0, 20).astype(int)
+
+    def _sources(self, side: Side, circle: Ring) -> np.ndarray:
+        """(C, P, Q) weights times values at the points of the ring; panels with a kink are integrated in two parts."""
+        found = self.values(side, np.broadcast_to(circle.phi, (len(self.sin_i), len(circle.phi))))
+        found *= circle.weight
+        kink = self._kinks(side)
+        bent = np.flatnonzero((kink > 0) & (kink < np.pi))
+        if len(bent) == 0:
+            return found
+        kink = kink[bent]
+        panel = np.searchsorted(circle.breaks, kink) - 1
+        low, high = circle.breaks[panel], circle.breaks[panel + 1]
+        # phi = kink -+ length y^2 makes a square root at the kink smooth.
+        y, w = gauss(circle.points)
+        before, after = (kink - low)[:, None], (high - kink)[:, None]
+        phi = np.concatenate([kink[:, None] - before * y**2, kink[:, None] + after * y**2], axis=1)
+        weight = 2 * np.concatenate([before * (2 * y * w), after * (2 * y * w)], axis=1)
+        values = self[bent].values(side, phi) * weight
+        # The points' light goes to the panel's own points, whose polynomials resolve all that it is projected on.
+        x = (phi - low[:, None]) / (high - low)[:, None]
+        shares = _lagrange(gauss(circle.points)[0], x)
+        places = panel[:, None] * circle.points + np.arange(circle.points)
+        found[:, bent[:, None], places] = np.einsum("cpq,pqj->cpj", values, shares, optimize=True)
+        return found
+
+    def _kinks(self, side: Side) -> np.ndarray:
+        """(P,) azimuth at which a facet begins to reflect all, or can no longer refract; 0 where there is none."""
+        eta = side.ratio
+        across = np.maximum(self.sin_i * self.sin_o, 1e-30)
+        along = self.cos_i * self.cos_o
+        if side.reflects:
+            cos = (along - 1 + 2 * eta**2) / across if eta < 1 else np.full_like(along, 2.0)
+        else:
+            cos = (min(eta, 1 / eta) - along) / across
+        return np.where(np.abs(cos) < 1, np.arccos(np.clip(cos, -1, 1)), 0.0)
+
+    def values(self, side: Side, phi: np.ndarray) -> np.ndarray:
+        """(C, P, Q) flux densities at azimuths (P, Q)."""
+        from drjit.llvm.ad import Array3f64, Float64, UInt32
+
+        shape = phi.shape
+        pair = dr.repeat(dr.arange(UInt32, shape[0]), shape[1])
+        given = (self.sin_i, self.cos_i, self.sin_o, self.cos_o)
+        sin_i, cos_i, sin_o, cos_o = (
+            dr.gather(Float64, Float64(np.ascontiguousarray(v)), pair) for v in given
+        )
+        sin, cos = dr.sincos(Float64(np.ascontiguousarray(phi).ravel()))
+        w = Array3f64(-sin_i, 0.0, cos_i)
+        o = Array3f64(sin_o * cos, sin_o * sin, cos_o if side.reflects else -cos_o)
+        ask = side.interface.reflect if side.reflects else side.interface.transmit
+        value, _ = ask(w, o, side.above, "reflect" if side.reflects else "transmit")
+        found = np.array(value)
+        if found.ndim == 1:
+            found = found[None]
+        return np.broadcast_to(found, (len(found), shape[0] * shape[1])).reshape(-1, *shape).copy()
+
+
+def _lagrange(nodes: np.ndarray, x: np.ndarray) -> np.ndarray:
+    """(..., n) the Lagrange polynomials of few nodes at x."""
+    difference = x[..., None] - nodes
+    found = np.empty(difference.shape)
+    for j in range(len(nodes)):
+        others = np.delete(difference, j, axis=-1) / np.delete(nodes[j] - nodes, j)
+        found[..., j] = others.prod(axis=-1)
+    return found

@@ -1,0 +1,131 @@
+"""Rough interfaces as operators.
+
+All four matrices of an interface for some orders come from `columns`; `balance` makes them reciprocal and gives every
+node the factor by which its light adds up exactly: to what the columns themselves add up to, or to all of it where
+the model says that nothing is lost.
+"""
+
+from __future__ import annotations
+
+import copy
+from typing import Any
+
+import drjit as dr
+import numpy as np
+
+from ...adding import Slab
+from ...interfaces import Interface
+from ...optics.fresnel import fresnel_conductor
+from .balance import all_reciprocal, reciprocal, scales
+from .basis import Grid
+from .columns import Side, columns
+from .operator import Operator
+
+#: nothing has more orders than this
+MOST_ORDERS = 1 << 14
+
+
+class RoughLayer:
+    """A rough interface of the stack.
+
+    Args:
+        interface: the boundary, isotropic, in double precision and with one value per parameter.
+        grid: the nodes.
+        region: the region above it.
+        tolerance: azimuthal orders end where they hold less than this, relative to the largest.
+        points: Gauss points per panel of all integrals: 8 are good to 5e-5, 10 to 5e-6, 12 to 1e-6.
+
+    Attributes:
+        orders: azimuthal orders from this one on are negligible (see `first`).
+        error: mean share of the light, over the hemisphere, that reciprocity took from or gave to the nodes before it
+            was put right: how far the nodes are from resolving the interface.
+    """
+
+    def __init__(
+        self, interface: Interface, grid: Grid, region: int, tolerance: float = 1e-4, points: int = 10
+    ) -> None:
+        self.grid, self.points = grid, points
+        below = region if interface.opaque else region + 1
+        self.above, self.below = grid.count(region), 0 if interface.opaque else grid.count(below)
+        self.sides = {
+            "r_top": Side(interface, grid, region, region, True),
+            "t_down": Side(interface, grid, region, below, True),
+            "r_bottom": Side(interface, grid, below, below, False),
+            "t_up": Side(interface, grid, below, region, False),
+        }
+        if interface.opaque:
+            del self.sides["t_down"], self.sides["r_bottom"], self.sides["t_up"]
+        self._widths = np.array(
+            [min(side.azimuth(j) for side in self.sides.values()) for j in range(self.above)]
+        )
+        # (1 + x) exp(-x), the height of order x / width of a lobe of GGX, is below the tolerance from here on.
+        self._reach = np.log(1 / tolerance) + np.log(1 + 1.3 * np.log(1 / tolerance))
+        if not self._turns(interface):
+            self.orders = 1
+        else:
+            self.orders = int(min(np.ceil(self._reach / self._widths.min()), MOST_ORDERS))
+        whole, sums = self._whole()
+        self.scale = scales(whole, sums)
+        weight = np.concatenate([grid.etendue[: self.above], grid.etendue[: self.below]])
+        self.error = float((np.abs(whole.sum(1) - sums) @ weight).max() / weight.sum())
+
+    @staticmethod
+    def _turns(interface: Interface) -> bool:
+        """Whether what it scatters depends on the azimuth: Lambert's base does not."""
+        return not (interface.flat and not interface.stochastic)
+
+    def first(self, orders: range) -> int:
+        """The nodes before this one have nothing of these orders."""
+        if orders.start == 0 or self.orders == 1:
+            return 0
+        lit = np.flatnonzero(self._widths * orders.start < self._reach)
+        return int(lit[0]) if len(lit) else self.above
+
+    def _raw(self, orders: range, first: int) -> Slab:
+        found: dict[str, Any] = {
+            name: columns(side, orders, self.points, first) for name, side in self.sides.items()
+        }
+        shape = found["r_top"].shape
+        if len(found) == 1:
+            down, up = shape[:2] + (0, shape[3]), shape[:2] + (shape[2], 0)
+            found |= {
+                "t_down": np.zeros(down),
+                "t_up": np.zeros(up),
+                "r_bottom": np.zeros((*shape[:2], 0, 0)),
+            }
+        return Slab(**found)
+
+    def _exact(self, raw: Slab, first: int) -> Slab:
+        w = self.grid.etendue
+        return all_reciprocal(raw, w[first : self.above], w[first : self.below])
+
+    def _whole(self) -> tuple[np.ndarray, np.ndarray]:
+        """(C, n, n) order 0 of all sides together, and what its columns should add up to."""
+        raw = self._raw(range(1), 0)
+        sums = np.concatenate(
+            [(raw.r_top.sum(2) + raw.t_down.sum(2))[:, 0], (raw.r_bottom.sum(2) + raw.t_up.sum(2))[:, 0]],
+            axis=1,
+        )
+        slab = self._exact(raw, 0)
+        rows = [[slab.r_top, slab.t_up], [slab.t_down, slab.r_bottom]]
+        return np.block(rows)[:, 0], sums
+
+    def slab(self, orders: range, first: int = 0) -> Slab:
+        """The four operators between the nodes from `first` on, for some orders."""
+        n_above, n_below = self.above - first, max(self.below - first, 0)
+        shapes = ((n_above, n_above), (n_below, n_above), (n_below, n_below), (n_above, n_below))
+        orders = range(orders.start, min(orders.stop, self.orders))
+        if len(orders) == 0 or n_above <= 0:
+            return Slab(*(Operator(shape) for shape in shapes))
+        slab = self._exact(self._raw(orders, first), first)
+        above = self.scale[:, None, first : self.above]
+        below = self.scale[:, None, self.above + first :]
+        factors = ((above, above), (below, above), (below, below), (above, below))
+        return Slab(
+            *(
+                Operator(
+                    shape, None, matrix * out[..., :, None] * into[..., None, :] if matrix.size else None
+                )
+                for shape, matrix, (out, into) in zip(shapes, slab, factors, strict=True)
+            )
+        )
