@@ -64,6 +64,7 @@ def test_a_range_of_orders_is_part_of_all() -> None:
 def test_how_many_terms() -> None:
     assert terms(Isotropic(), 1e-9) == 1 and terms(Rayleigh(), 1e-9) == 3
     assert terms(HenyeyGreenstein(0.5), 1e-3) == 14 and terms(HenyeyGreenstein(0.999), 1e-9) == 1800
+    assert terms(HenyeyGreenstein(0.9), 1e-6, times=2) == terms(HenyeyGreenstein(0.81), 1e-6)
     for grid, region in ((AIR, 0), (Grid.build([1.0, 1.33, 1.5], 24), 2)):
         n = grid.count(region)
         count = resolved(grid.mu[region], grid.weights[region])

@@ -32,6 +32,7 @@ from ...adding import Slab
 from ...errors import UrushiError
 from .operator import Operator
 from .phase import between
+from .threads import one_thread
 
 Method = Literal["ordinates", "doubling"]
 
@@ -56,6 +57,7 @@ class Scattering:
     first: int
 
     @classmethod
+    @one_thread()
     def build(
         cls, mu: np.ndarray, weights: np.ndarray, moments: np.ndarray, orders: range, backward: float = 0.0
     ) -> Scattering:
@@ -86,6 +88,7 @@ class Scattering:
         return cls(mu, weights, even, odd, correction, orders.start)
 
 
+@one_thread()
 def slab(scattering: Scattering, depth: np.ndarray, albedo: np.ndarray, method: Method = "ordinates") -> Slab:
     """A homogeneous slab.
 

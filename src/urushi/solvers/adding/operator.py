@@ -19,6 +19,7 @@ import numpy as np
 
 from ...adding import Algebra
 from ...errors import UrushiError
+from .threads import one_thread
 
 
 @dataclass(frozen=True)
@@ -39,6 +40,7 @@ class Operator:
     def __add__(self, other: Operator) -> Operator:
         return Operator(self.shape, _sum(self.delta, other.delta), _sum_orders(self.dense, other.dense))
 
+    @one_thread()
     def __matmul__(self, other: Operator) -> Operator:
         shape = self.shape[0], other.shape[1]
         delta = None
@@ -83,6 +85,7 @@ def identity(n: int) -> Operator:
     return Operator((n, n), np.ones((1, n)))
 
 
+@one_thread()
 def bounce(a: Operator, b: Operator, x: Operator) -> Operator:
     """(1 - a b)^-1 x: the light `x` and all that comes of it bouncing between two layers.
 

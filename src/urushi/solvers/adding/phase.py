@@ -80,13 +80,19 @@ PHASES: dict[str, Any] = {
 }
 
 
-def terms(phase: Phase, tolerance: float) -> int:
+def terms(phase: Phase, tolerance: float, times: int = 1) -> int:
     """How many terms the series needs: what is left out is, at its largest, `tolerance` of the peak.
+
+    Args:
+        phase: the phase function.
+        tolerance: relative to the peak.
+        times: of light scattered so many times, whose moments are powers of those: what is left when light scattered
+            once is taken care of in closed form has fewer terms, and fewer azimuthal orders.
 
     Returns:
         a number of terms, at most `MOST_TERMS`.
     """
-    size = (2 * np.arange(MOST_TERMS + 1) + 1) * np.abs(phase.moments(MOST_TERMS + 1))
+    size = (2 * np.arange(MOST_TERMS + 1) + 1) * np.abs(phase.moments(MOST_TERMS + 1)) ** times
     left = np.cumsum(size[::-1])[::-1]
     return int(np.argmax(left <= tolerance * left[0])) if left[-1] <= tolerance * left[0] else MOST_TERMS
 

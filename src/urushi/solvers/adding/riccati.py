@@ -22,6 +22,7 @@ from ...adding import Slab
 from ...errors import UrushiError
 from .media import Scattering
 from .operator import Operator
+from .threads import one_thread
 
 #: a profile: from the height t (0 at the top of the layer, 1 at its bottom) to one number per colour, (C,)
 Profile = Callable[[float], np.ndarray]
@@ -41,6 +42,7 @@ class Gradient:
     constituents: Sequence[tuple[Scattering, Profile]]
 
 
+@one_thread()
 def solve(layer: Gradient, tolerance: float = 1e-8) -> Slab:
     """Reflection and transmission of a layer whose properties vary with depth.
 
