@@ -105,6 +105,28 @@ def gather_numbers(
     return Numbers(values, fixed, lanes, coloured)
 
 
+def replaced(stack: Stack, given: Mapping[str, Any]) -> Stack:
+    """The stack with other numbers, for methods that take one value per parameter.
+
+    Args:
+        given: numbers, or colours of three, by name.
+
+    Raises:
+        MaterialError: an unknown name, a wrong shape or a value out of range.
+    """
+    changes: dict[str, Any] = {}
+    for name, value in given.items():
+        array = np.asarray(value, dtype=np.float64)
+        if array.ndim > 1 or (array.ndim == 1 and array.size > 3):
+            raise MaterialError(
+                f"found shape {array.shape}; allowed: one number or one colour (this method is solved once, not for "
+                "every evaluation)",
+                where=name,
+            )
+        changes[name] = float(array) if array.size == 1 else tuple(float(v) for v in array)
+    return _spelt_out(stack, given).replace(changes)
+
+
 def _spelt_out(stack: Stack, given: Mapping[str, Any]) -> Stack:
     """The stack with numbers for the metals given by name whose index the caller sets."""
     changes: dict[str, Any] = {}

@@ -1,0 +1,91 @@
+"""Adding: the deterministic solution, to an accuracy that is asked for.
+
+In a fixed set of directions, what a layer does to light is a matrix, and what two layers do together follows from
+their matrices by a geometric series (`urushi.adding`). Azimuths decouple into Fourier orders. So a stack is a product
+of small matrices, one for each order, without noise; the art lies in the directions.
+
+    basis      the directions, one set for all media            phase, media     a medium: by its modes, or by doubling
+    operator   matrices with their delta part kept apart        ordinates, doubling, riccati
+    smooth     smooth interfaces: diagonals                     delta_m, single  sharp phase functions
+    columns, balance, interfaces   rough interfaces             layers, solver, refine   the whole stack, fine enough
+    stencil, warp, table   between the directions               proposal, core, result   all of it, as a BSDF
+
+Sources: Stokes 1862; van de Hulst 1963; Grant & Hunt 1969; Stam 2001; Jakob et al. 2014.
+"""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+from urushi import llvm
+from urushi.errors import UnsupportedStack, UrushiError
+from urushi.stack import Stack, Texture
+
+#: what `solve` takes besides the stack
+OPTIONS = ("accuracy", "nodes", "parameters", "backend", "precision", "mode", "progress")
+
+
+def reasons_against(stack: Stack) -> list[str]:
+    """What of this stack the adding method cannot do; empty if it can."""
+    reasons = []
+    for i, layer in enumerate(stack.layers):
+        alpha = getattr(layer, "alpha", 0.0)
+        if isinstance(alpha, tuple) and alpha[0] != alpha[1]:
+            reasons.append(
+                f"layers[{i}].alpha is {alpha}, and an anisotropic interface mixes azimuthal orders: use one number"
+            )
+        if getattr(layer, "normal", None) is not None:
+            reasons.append(
+                f"layers[{i}].normal is given, and a tilted interface mixes azimuthal orders: leave it out"
+            )
+    for name, value in stack.parameters().items():
+        if isinstance(value, Texture):
+            reasons.append(f"{name} is a texture, which has values only at points of a surface")
+    return reasons
+
+
+def solve(
+    stack: Stack,
+    *,
+    accuracy: float = 1e-3,
+    nodes: int | Sequence[int] | None = None,
+    parameters: Mapping[str, Any] | None = None,
+    progress: Any = None,
+    **options: Any,
+) -> Any:
+    """Solve a stack.
+
+    Args:
+        stack: the description; isotropic.
+        accuracy: absolute error allowed of reflectance and transmittance, and of the BSDF relative to its peak for the
+            same angle of incidence; nodes are added until two solutions agree to that.
+        nodes: fixed numbers of nodes per panel instead, one for all or one for each different index; `diagnostics`
+            then tells the error they leave.
+        parameters: values in place of those of the description, by name (``layer_0.alpha``): numbers or colours.
+        progress: called with (nodes, error) after each refinement.
+        **options: `backend`, `precision`, `mode`: see `urushi.solvers.adding.result.AddingBSDF`.
+
+    Returns:
+        An `AddingBSDF`. Its `diagnostics` hold "nodes", "orders", "estimated_error", "accuracy", "seconds", "history".
+
+    Raises:
+        UnsupportedStack: with the reasons; textures are for the Mitsuba plugin.
+        UrushiError: an option out of range, or an accuracy that cannot be reached.
+    """
+    if not (isinstance(accuracy, (int, float)) and 1e-9 <= accuracy <= 0.5):
+        raise UrushiError(f"accuracy: found {accuracy!r}; allowed: a number from 1e-9 to 0.5")
+    if parameters:
+        from ..numbers import replaced
+
+        stack = replaced(stack, parameters)
+    reasons = reasons_against(stack)
+    if reasons:
+        raise UnsupportedStack("adding", reasons)
+    if "drjit" not in sys.modules:
+        llvm.prepare()  # before Dr.Jit takes the first LLVM it finds
+    from .result import AddingBSDF
+    from .whole import solution
+
+    return AddingBSDF(stack, solution(stack, accuracy, nodes, progress), **options)

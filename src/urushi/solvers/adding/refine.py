@@ -10,6 +10,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
@@ -26,7 +27,13 @@ GROWTH = 1.5
 MOST_NODES = 1500
 
 
-def refine(solve: Callable[[list[int]], Solution], counts: list[int], accuracy: float) -> Solution:
+def refine(
+    solve: Callable[[list[int]], Solution],
+    counts: list[int],
+    accuracy: float,
+    more: bool = True,
+    progress: Callable[[int, float], Any] | None = None,
+) -> Solution:
     """Solve with more and more nodes until two solutions agree.
 
     Args:
@@ -34,9 +41,11 @@ def refine(solve: Callable[[list[int]], Solution], counts: list[int], accuracy: 
         counts: the numbers to begin with.
         accuracy: absolute error allowed of reflectance and transmittance, and of the BSDF relative to its peak for
             the same angle of incidence.
+        more: False to stay with these numbers, whatever their error.
+        progress: called with (nodes, error) after each solution.
 
     Returns:
-        the finer of both, its diagnostics completed by "error", "accuracy", "seconds" and "history".
+        the finer of both, its diagnostics completed by "estimated_error", "accuracy", "seconds" and "history".
 
     Raises:
         UrushiError: the accuracy is not reached with `MOST_NODES` nodes.
@@ -48,8 +57,10 @@ def refine(solve: Callable[[list[int]], Solution], counts: list[int], accuracy: 
         fine = solve(counts)
         error = difference(coarse, fine)
         history.append((len(fine.grid.s), error))
-        if error <= accuracy:
-            found = {"error": error, "accuracy": accuracy, "seconds": time.perf_counter() - start}
+        if progress is not None:
+            progress(*history[-1])
+        if error <= accuracy or not more:
+            found = {"estimated_error": error, "accuracy": accuracy, "seconds": time.perf_counter() - start}
             return replace(fine, diagnostics={**fine.diagnostics, **found, "history": history})
         counts = [int(np.ceil(GROWTH * n)) for n in counts]
         if sum(counts) > MOST_NODES:

@@ -1,0 +1,82 @@
+"""The layers of a described stack on a grid, and how fine a grid they ask for."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from urushi.stack import Stack
+
+from ..bound import BoundStack, bind
+from ..numbers import gather_numbers
+from .basis import Grid
+from .interfaces import RoughLayer
+from .layers import Layer, MediumLayer, SmoothLayer, numbers
+from .phase import PHASES, Phase
+
+#: fewest nodes in a panel, and most to begin with
+FEWEST, MOST = 12, 160
+
+
+def bind_numbers(stack: Stack) -> tuple[BoundStack, int]:
+    """The stack in double precision, and its number of channels.
+
+    Raises:
+        UnsupportedStack: a parameter is a texture.
+    """
+    from drjit.llvm import ad
+
+    given = gather_numbers(stack, None, ad, True, "adding")
+    return bind(stack, given.values, given.fixed), 3 if given.coloured else 1
+
+
+def indices(stack: BoundStack) -> list[float]:
+    """Index of every region that light gets to."""
+    found = [float(numbers(index)[0]) for index in stack.indices]
+    return found[:-1] if stack.opaque else found
+
+
+def counts(stack: BoundStack, phases: list[Phase]) -> list[int]:
+    """Nodes per panel to begin with: enough for the narrowest lobe and the sharpest phase function, within limits."""
+    narrowest = [
+        min(float(numbers(a)[0]) for a in interface.roughness())
+        for interface in stack.interfaces
+        if interface.delta is False and not interface.flat
+    ]
+    wanted = max([FEWEST, *(2.0 / max(a, 1e-3) for a in narrowest)])
+    for phase in phases:
+        mean = abs(float(phase.moments(2)[1]))
+        wanted = max(wanted, 8 / max(1 - mean, 0.05))
+    panels = len(Grid.build(indices(stack), 2 * FEWEST).panels)
+    return [int(min(np.ceil(wanted), MOST))] * panels
+
+
+def phase_functions(stack: Stack) -> list[Phase]:
+    """The phase functions of the media, from the top."""
+    found = []
+    for i, layer in enumerate(stack.layers):
+        if layer.kind == "medium":
+            head = f"layer_{i}.phase."
+            given: dict[str, Any] = {
+                name.removeprefix(head): value
+                for name, value in stack.parameters().items()
+                if name.startswith(head)
+            }
+            found.append(PHASES[layer.phase.kind](**given))  # type: ignore[attr-defined]
+    return found
+
+
+def layers(stack: BoundStack, phases: list[Phase], grid: Grid, tolerance: float) -> list[Layer]:
+    """All layers on the nodes, from the top: interface, medium where there is one, interface, ..."""
+    remaining = list(phases)
+    found: list[Layer] = []
+    for k, interface in enumerate(stack.interfaces):
+        if interface.delta is True:
+            found.append(SmoothLayer(interface, grid, k))
+        else:
+            found.append(RoughLayer(interface, grid, k, tolerance))
+        medium = stack.media[k + 1]
+        if medium is not None:
+            found.append(MediumLayer(medium, remaining.pop(0), grid, k + 1, 0.01 * tolerance))
+    return found

@@ -1,0 +1,53 @@
+"""From a description to a solution: bind, choose nodes, solve, refine."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import Any
+
+from urushi import llvm
+from urushi.errors import UrushiError
+from urushi.stack import Stack
+
+from . import build
+from .basis import Grid
+from .layers import MediumLayer
+from .refine import refine
+from .solution import Solution
+from .solver import solve_on
+from .threads import one_thread
+
+
+def solution(
+    stack: Stack,
+    accuracy: float,
+    nodes: int | Sequence[int] | None = None,
+    progress: Callable[[int, float], Any] | None = None,
+) -> Solution:
+    """The operators of a stack; arguments as in `urushi.solvers.adding.solve`."""
+    llvm.ensure()
+    bound, colours = build.bind_numbers(stack)
+    phases = build.phase_functions(stack)
+    indices = build.indices(bound)
+    tolerance = 0.1 * accuracy
+
+    def on(counts: list[int]) -> Solution:
+        grid = Grid.build(indices, counts)
+        layers = build.layers(bound, phases, grid, tolerance)
+        found = solve_on(bound, grid, layers, colours, tolerance)
+        media = [layer for layer in layers if isinstance(layer, MediumLayer)]
+        regions = [r for r, medium in enumerate(bound.media) if medium is not None]
+        for region, medium in zip(regions, media, strict=True):
+            found.forward[region] = medium.truncated.forward
+        return found
+
+    counts = build.counts(bound, phases)
+    if nodes is not None:
+        counts = [nodes] * len(counts) if isinstance(nodes, int) else list(nodes)
+        if len(counts) != len(build.counts(bound, phases)) or min(counts) < 4:
+            raise UrushiError(
+                f"nodes: found {nodes}; allowed: one number, or one for each of {len(build.counts(bound, phases))} "
+                "different indices, each at least 4"
+            )
+    with one_thread():
+        return refine(on, counts, accuracy, nodes is None, progress)
