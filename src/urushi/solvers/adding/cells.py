@@ -1,8 +1,9 @@
-"""Where a solved stack sends its light, cell by cell: the numbers behind importance sampling, in numpy.
+"""Where a solved stack sends its light: the numbers behind importance sampling, in numpy.
 
-For light from each node, the directions outside are cut into cells around the nodes (up to half-way to the next, on
-both sides) and each cell into bins of the stretched azimuth of its pair of nodes (`warp`). A bin holds the luminance of
-all light that ends in it, less the lobe of the outermost interface where that has a closed form to sample.
+For light from each node, f is taken at every outgoing node (and once more at the horizon) and at evenly spaced points
+of the stretched azimuth of the pair (`warp`); between them it is thought linear, in the square of the cosine and in
+the stretched azimuth. So a density is a sum of hats (1 at its own point, 0 at its neighbours), and the mass of each is
+the luminance of the light under it, less the lobe of the outermost interface where that has a closed form to sample.
 """
 
 from __future__ import annotations
@@ -16,9 +17,9 @@ from . import warp
 from .solution import Solution
 from .table import SIDES, Series
 
-#: bins of the azimuth, from 0 to pi
+#: intervals of the azimuth, from 0 to pi
 BINS = 32
-#: points per bin
+#: points per interval at which light is looked for
 FINER = 4
 #: weights of linear RGB in luminance
 LUMINANCE = np.array([0.2126, 0.7152, 0.0722])
@@ -29,21 +30,20 @@ Extra = Callable[[np.ndarray, np.ndarray, np.ndarray, bool, bool], np.ndarray]
 
 @dataclass(frozen=True)
 class Cells:
-    """See the module docstring. Rows are incident nodes, those above first; columns outgoing cells, likewise.
+    """See the module docstring. Rows are incident nodes, those above first; columns outgoing ones, likewise.
 
     Attributes:
         counts: numbers of nodes above and below; the latter is 0 for an opaque stack.
-        theta: polar angles of the incident nodes of each side.
-        edges: (n + 1,) polar angles between the cells of each side, ascending.
-        mass: (R, cells, BINS) luminance in each bin, both halves of the circle together.
-        width: (R, cells) d of each pair.
+        theta: (n,) polar angles of the nodes of each side.
+        mass: (R, columns, BINS + 1) luminance under each hat, both halves of the circle together. A side has one column
+            more than nodes: the last is the horizon.
+        width: (R, columns) d of each pair.
         peak: (R, C) largest f from each node, over all outgoing nodes.
         negative: the lowest value that had to be raised to 0, relative to the peak.
     """
 
     counts: tuple[int, int]
     theta: list[np.ndarray]
-    edges: list[np.ndarray]
     mass: np.ndarray
     width: np.ndarray
     peak: np.ndarray
@@ -60,19 +60,19 @@ class Cells:
         """
         grid, opaque = solution.grid, (True, False) not in series.parts
         regions = (0,) if opaque else (0, -1)
-        theta = [np.arccos(np.clip(grid.mu[r], 0, 1)) for r in regions]
-        theta[0][0] = 0.0
-        edges = [np.concatenate([[0], 0.5 * (t[1:] + t[:-1]), [0.5 * np.pi]]) for t in theta]
+        theta = [np.arctan2(np.sqrt((1 - grid.mu[r]) * (1 + grid.mu[r])), grid.mu[r]) for r in regions]
         counts = len(theta[0]), 0 if opaque else len(theta[1])
-        rows, cells = sum(counts), sum(counts)
-        mass = np.zeros((rows, cells, BINS))
-        width = np.ones((rows, cells))
+        rows, columns = sum(counts), sum(counts) + len(theta)
+        mass = np.zeros((rows, columns, BINS + 1))
+        width = np.ones((rows, columns))
         peak = np.zeros((rows, solution.colours))
         negative = 0.0
         for k, (from_above, to_above) in enumerate(SIDES[: 1 if opaque else 4]):
             i = slice(0, counts[0]) if from_above else slice(counts[0], rows)
-            o = slice(0, counts[0]) if to_above else slice(counts[0], rows)
-            area = 0.5 * np.diff(np.sin(edges[0 if to_above else 1]) ** 2)  # the integral of mu dmu
+            o = slice(0, counts[0] + 1) if to_above else slice(counts[0] + 1, columns)
+            area = 0.5 * hats(
+                np.append(np.sin(theta[0 if to_above else 1]) ** 2, 1.0)
+            )  # integrals of hat mu dmu
             angles = grid.mu[0 if to_above else -1], grid.mu[0 if from_above else -1]
             index = grid.indices[0 if to_above else -1]
             f = Reflectance(series.values[k], series.width[k], *angles, index, extra, (from_above, to_above))
@@ -91,9 +91,17 @@ class Cells:
                 best[better], least[better] = found[better], uneven[better]
                 chosen[better] = np.broadcast_to(d, chosen.shape)[better]
             assert best is not None
+            # f at the horizon is that of the last node.
+            best, chosen = (np.concatenate([x, x[-1:]]) for x in (best, chosen))
             mass[i, o] = (best * area[:, None, None]).transpose(1, 0, 2)
             width[i, o] = chosen.T
-        return cls(counts, theta, edges, mass, width, peak, negative)
+        return cls(counts, theta, mass, width, peak, negative)
+
+
+def hats(points: np.ndarray) -> np.ndarray:
+    """Integrals of the hats over ascending points; those at the ends are halves."""
+    step = np.diff(points)
+    return 0.5 * (np.append(step, 0) + np.append(0, step))
 
 
 @dataclass(frozen=True)
@@ -109,11 +117,11 @@ class Reflectance:
     sides: tuple[bool, bool]
 
     def bins(self, width: np.ndarray | float) -> tuple[np.ndarray, np.ndarray, float]:
-        """Luminance of f in the bins of a stretched azimuth.
+        """Luminance of f under the hats over a stretched azimuth.
 
         Returns:
-            (n_out, n_in, BINS) integrals over the azimuth, both halves of the circle; the largest f (n_in, C); and the
-            lowest, relative to that.
+            (n_out, n_in, BINS + 1) integrals over the azimuth, both halves of the circle; the largest f (n_in, C); and
+            the lowest, relative to that.
         """
         s = np.pi * (np.arange(BINS * FINER) + 0.5) / (BINS * FINER)
         width = np.broadcast_to(width, self.width.shape)[..., None]
@@ -136,13 +144,11 @@ class Reflectance:
             top.append(f.max(axis=(0, 2)))
             least, most = float(f.min()), float(f.max())
             low = min(low, least / most if most > 0 else 0.0)
-            share = LUMINANCE[c] if colours == 3 else 1 / colours
-            luminance = luminance + share * np.maximum(f, 0)
-        step = 2 * np.pi / len(s)
-        integral = (
-            (luminance * warp.slope(s, width) * step).reshape(*self.width.shape, BINS, FINER).sum(axis=3)
-        )
-        return integral, np.stack(top, axis=1), low
+            weight = LUMINANCE[c] if colours == 3 else 1 / colours
+            luminance = luminance + weight * np.maximum(f, 0)
+        dense = luminance * warp.slope(s, width) * (2 * np.pi / len(s))
+        hat = np.clip(1 - np.abs(s[:, None] * (BINS / np.pi) - np.arange(BINS + 1)), 0, None)
+        return dense @ hat, np.stack(top, axis=1), low
 
     def _more(self, phi: np.ndarray) -> np.ndarray:
         """(C, n_out, n_in, S) f of what the table does not hold."""

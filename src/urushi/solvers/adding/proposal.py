@@ -1,9 +1,9 @@
 """Importance sampling with a density that is known exactly.
 
 A mixture: the delta parts, with probabilities as the luminance they carry; the lobe of the outermost interface, where
-that has a closed form; the cells of the two incident nodes around wi (`cells`), each by its distance; and a little of
-a cosine lobe on every side, so that no direction is left out. Probability is spread evenly over the square of the
-cosine in a cell, and over the stretched azimuth in a bin.
+that has a closed form; the hats of the two incident nodes around wi (`cells`), each by its distance; and a little of a
+cosine lobe on every side, so that no direction is left out. Like f itself the density is continuous, but for what
+passes between the media of a stack.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ import numpy as np
 from ...optics.vectors import Array, Vector, at_least, at_most, cosine_hemisphere, root, total
 from ..arrays import number_type
 from ..facet_lobe import Lobe
-from .cells import BINS, LUMINANCE, Cells
+from .cells import BINS, LUMINANCE, Cells, hats
 from .stencil import APART, Lookup, away_and_toward
 
 #: share of the cosine lobes among all that is not a delta part
@@ -64,28 +64,34 @@ class Proposal:
         number = number_type(module, double)
         self.opaque = cells.counts[1] == 0
         self.rows = sum(cells.counts)
-        self.cells = self.rows  # as many cells as nodes, on the same sides
+        self.columns = cells.mass.shape[1]
         self.above = cells.counts[0]
-        keys = np.concatenate([theta + APART * k for k, theta in enumerate(cells.theta)])
-        self.theta = Lookup(np.append(keys, np.inf), number)
+        keys = [theta + APART * k for k, theta in enumerate(cells.theta)]
+        self.theta = Lookup(np.concatenate([*keys, [np.inf]]), number)
         self.mass = Lookup(cells.mass.sum(axis=(1, 2)), number)
         self.face = Lookup(face, number)
         self.cdf = Lookup(_running(cells.mass.sum(axis=2)), number)
         self.bins = Lookup(_running(cells.mass), number)
         self.width = Lookup(cells.width, number)
-        self.edges = Lookup(
-            np.append(np.concatenate([e[:-1] + APART * k for k, e in enumerate(cells.edges)]), np.inf), number
+        # The horizon begins no interval: nothing lies beyond it.
+        self.points = Lookup(
+            np.concatenate([*(np.append(key, key[0] + 2) for key in keys), [np.inf]]), number
         )
-        sin = [np.sin(e) ** 2 for e in cells.edges]
-        cos = [np.cos(e) ** 2 for e in cells.edges]
-        for c in cos:
-            c[-1] = 0.0
-        self.sin_low, self.sin_high = (
-            Lookup(np.concatenate([x[part] for x in sin]), number) for part in ENDS
+        sin = [np.append(np.sin(theta) ** 2, 1.0) for theta in cells.theta]
+        cos = [np.append(np.cos(theta) ** 2, 0.0) for theta in cells.theta]
+        self.sin, self.cos = Lookup(np.concatenate(sin), number), Lookup(np.concatenate(cos), number)
+        before, after = (
+            np.concatenate(
+                [np.clip(np.arange(len(x)) + d, 0, len(x) - 1) + self._start(k) for k, x in enumerate(sin)]
+            )
+            for d in (-1, 1)
         )
-        self.cos_high, self.cos_low = (
-            Lookup(np.concatenate([x[part] for x in cos]), number) for part in ENDS
-        )
+        whole = int if number is float else module.UInt
+        self.before, self.after = (Lookup(x.astype(np.uint32), whole) for x in (before, after))
+        self.inv_hat = Lookup(np.concatenate([1 / hats(x) for x in sin]), number)
+
+    def _start(self, side: int) -> int:
+        return 0 if side == 0 else self.above + 1
 
     def around(self, wi: Vector) -> tuple[tuple[Any, Any], Array]:
         """The rows of the two incident nodes around wi, and how far it is from the first to the second, 0 to 1."""
@@ -116,24 +122,33 @@ class Proposal:
 
     def pdf(self, mixture: Mixture, wi: Vector, wo: Vector) -> Array:
         """Density per solid angle of everything but the delta parts."""
-        cos = dr.abs(wo.z)
-        theta = dr.atan2(dr.sqrt(dr.square(wo.x) + dr.square(wo.y)), cos)
+        cos, sin_sq = dr.abs(wo.z), dr.square(wo.x) + dr.square(wo.y)
+        theta = dr.atan2(dr.sqrt(sin_sq), cos)
         key = theta if self.opaque else dr.select(wo.z > 0, theta, theta + APART)
-        cell = dr.binary_search(1, self.cells, lambda i: self.edges[i] <= key) - 1
+        low = dr.binary_search(1, self.columns, lambda i: self.points[i] <= key) - 1
+        high = self.after[low]
+        # Where between both, by whichever of sine and cosine is small and knows it to all digits.
+        steep = sin_sq < 0.5
+        here = dr.select(steep, sin_sq, dr.square(cos))
+        start = dr.select(steep, self.sin[low], self.cos[low])
+        stop = dr.select(steep, self.sin[high], self.cos[high])
+        t = at_most(at_least((here - start) / (stop - start), 0), 1)
         away, toward = away_and_toward(wi, wo)
-        spread = 2 * cos * dr.rcp(at_least(self.sin_high[cell] - self.sin_low[cell], 1e-30))
-        density = mixture.floor * (cos * (dr.inv_pi if self.opaque else 0.5 * dr.inv_pi))
-        for row, share in zip(mixture.rows, mixture.shares, strict=True):
-            pair = row * self.cells + cell
-            width = self.width[pair]
-            s = 2 * dr.atan2(dr.sqrt(away), width * dr.sqrt(toward))
-            bin_ = at_most(self._whole(s * (BINS / dr.pi), cell), BINS - 1)
-            chance = self._chance(self.cdf, row * self.cells, cell) * self._chance(
-                self.bins, pair * BINS, bin_
-            )
-            # ds / dphi, on both halves of the circle
-            slope = 2 * width * dr.rcp(at_least(toward * dr.square(width) + away, 1e-30))
-            density = density + share * chance * spread * slope * (0.5 * BINS / dr.pi)
+        roots = dr.sqrt(away), dr.sqrt(toward)
+        density = 0 * cos
+        for column, hat in ((low, 1 - t), (high, t)):
+            hat = hat * self.inv_hat[column]
+            for row, share in zip(mixture.rows, mixture.shares, strict=True):
+                pair = row * self.columns + column
+                width = self.width[pair]
+                chance = self._chance(self.cdf, row * self.columns, column)
+                # ds / dphi, on both halves of the circle
+                slope = width * dr.rcp(at_least(toward * dr.square(width) + away, 1e-30))
+                s = dr.atan2(roots[0], width * roots[1]) * (2 * BINS / dr.pi)
+                density = density + share * chance * hat * slope * self._around(pair, s)
+        density = density * (2 * cos) + mixture.floor * (
+            cos * (dr.inv_pi if self.opaque else 0.5 * dr.inv_pi)
+        )
         for lobe in mixture.faces:
             here = (wo.z > 0) if lobe.up else (wo.z < 0)
             density = density + dr.select(here, lobe.share * lobe.pdf(wo), 0)
@@ -169,18 +184,34 @@ class Proposal:
         probability = dr.select(straight, mixture.straight, probability)
         return wo, probability, dr.select(straight, delta.transmitted, carried), mirrored | straight
 
+    def _around(self, pair: Any, s: Array) -> Array:
+        """Density of the stretched azimuth, which is s pi / BINS, for a pair."""
+        start = pair * (BINS + 1)
+        low = at_most(self._whole(s, pair), BINS - 1)
+        t = at_most(s - self._number(low, s), 1)
+        one, two = self._chance(self.bins, start, low), self._chance(self.bins, start, low + 1)
+        # Hats at the ends are halves.
+        one, two = dr.select(low == 0, 2 * one, one), dr.select(low == BINS - 1, 2 * two, two)
+        return ((1 - t) * one + t * two) * (BINS / dr.pi)
+
     def _cell(self, row: Any, wi: Vector, u1: Array, u2: Array) -> Vector:
-        """A direction from the cells of one incident node."""
-        start = row * self.cells
-        cell, v = self._invert(self.cdf, start, self.cells, u1)
+        """A direction from the hats of one incident node."""
+        start = row * self.columns
+        column, v = self._invert(self.cdf, start, self.columns, u1)
         positive = u2 < 0.5
         u2 = dr.select(positive, 2 * u2, 2 * u2 - 1)
-        pair = start + cell
-        bin_, w = self._invert(self.bins, pair * BINS, BINS, u2)
-        sin_low, cos_low = self.sin_low[cell], self.cos_low[cell]
-        sin = root(dr.fma(v, self.sin_high[cell] - sin_low, sin_low))
-        cos = root(dr.fma(1 - v, self.cos_high[cell] - cos_low, cos_low))
-        half_sin, half_cos = dr.sincos((0.5 * dr.pi / BINS) * (self._number(bin_, u1) + w))
+        pair = start + column
+        point, w = self._invert(self.bins, pair * (BINS + 1), BINS + 1, u2)
+        before, after = self.before[column], self.after[column]
+        # The part of the hat on the side of the normal, and the place under it.
+        middle, low, high = self.sin[column], self.sin[before], self.sin[after]
+        left, near, far = _hat(v, (middle - low) / at_least(high - low, 1e-30))
+        sin = root(dr.select(left, near * middle + far * low, near * middle + far * high))
+        cos = root(near * self.cos[column] + far * dr.select(left, self.cos[before], self.cos[after]))
+        share = dr.select(point == 0, 0.0, dr.select(point == BINS, 1.0, 0.5))
+        left, _, far = _hat(w, share)
+        place = self._number(point, u1) + dr.select(left, -far, far)
+        half_sin, half_cos = dr.sincos((0.5 * dr.pi / BINS) * place)
         a = self.width[pair] * half_sin
         scale = dr.rcp(dr.square(a) + dr.square(half_cos))
         cos_phi, sin_phi = (dr.square(half_cos) - dr.square(a)) * scale, 2 * a * half_cos * scale
@@ -189,7 +220,7 @@ class Proposal:
         inv = dr.rsqrt(at_least(length, 1e-30))
         # Straight on; along the normal as in `away_and_toward`.
         x, y = dr.select(length > 1e-30, -wi.x * inv, -1.0), dr.select(length > 1e-30, -wi.y * inv, 0.0)
-        z = cos if self.opaque else dr.select(cell < self.above, cos, -cos)
+        z = cos if self.opaque else dr.select(column <= self.above, cos, -cos)
         return type(wi)(sin * (x * cos_phi - y * sin_phi), sin * (y * cos_phi + x * sin_phi), z)
 
     def _invert(self, table: Lookup, start: Any, count: int, u: Array) -> tuple[Any, Array]:
@@ -212,8 +243,12 @@ class Proposal:
         return float(value) if isinstance(like, float) else type(like)(value)
 
 
-#: the lower and the upper ends of cells
-ENDS = (slice(None, -1), slice(1, None))
+def _hat(u: Array, share: Array) -> tuple[Any, Array, Array]:
+    """A place under a hat of which `share` is on the left: whether it is there, and the weights of middle and end."""
+    left = u < share
+    v = dr.select(left, u / at_least(share, 1e-30), (1 - u) / at_least(1 - share, 1e-30))
+    near = dr.sqrt(at_most(v, 1))
+    return left, near, 1 - near
 
 
 def luminance(value: Array) -> Array:
