@@ -10,6 +10,7 @@ already is the average of those over the directions of that lobe.
 from __future__ import annotations
 
 import sys
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -33,7 +34,7 @@ def lattice(count: int) -> tuple[np.ndarray, np.ndarray]:
 
 
 def directional(cos: np.ndarray, alpha: np.ndarray, eta: np.ndarray, kind: tuple[str, str]) -> np.ndarray:
-    """(3, N): reflectance, transmittance and the mean cosine of what is transmitted, of rough dielectrics.
+    """(4, N): reflectance, transmittance and the mean cosines of what is transmitted and reflected, of rough dielectrics.
 
     Args:
         cos, alpha, eta: (N,) cosine of incidence, roughness > 0, index beyond over index before.
@@ -51,17 +52,22 @@ def directional(cos: np.ndarray, alpha: np.ndarray, eta: np.ndarray, kind: tuple
     interface = BoundDielectric(Float64(eta), facets, False, Frame(0.0))
     small, size = 6765, 10946
 
-    def body(i: UInt, r: Float64, t: Float64, c: Float64) -> tuple:
+    def body(i: UInt, r: Float64, t: Float64, c: Float64, d: Float64) -> tuple:
         second = (Float64(i) * small + 0.5) / size
         u = (0.5, (Float64(i) + 0.5) / size, second - dr.floor(second))
         up, down = interface.sample(w, u, True, "reflect"), interface.sample(w, u, True, "transmit")
-        passed = dr.select(down.o.z < 0, down.weight, 0)
-        return i + 1, r + dr.select(up.o.z > 0, up.weight, 0), t + passed, c + passed * dr.abs(down.o.z)
+        sent, passed = dr.select(up.o.z > 0, up.weight, 0), dr.select(down.o.z < 0, down.weight, 0)
+        return i + 1, r + sent, t + passed, c + passed * dr.abs(down.o.z), d + sent * dr.abs(up.o.z)
 
     zero = Float64(0 * cos)
-    _, r, t, c = dr.while_loop((UInt(0), zero, zero, zero), lambda i, *_: i < size, body)
-    r, t, c = (np.array(x) / size for x in (r, t, c))
-    return np.stack([r, t, np.divide(c, t, out=np.zeros_like(c), where=t > 1e-12)])
+    _, *sums = dr.while_loop((UInt(0), zero, zero, zero, zero), lambda i, *_: i < size, body)
+    r, t, c, d = (np.array(x) / size for x in sums)
+    return np.stack([r, t, over(c, t), over(d, r)])
+
+
+def over(moment: np.ndarray, energy: np.ndarray) -> np.ndarray:
+    """The mean of what has this energy and this first moment; 0 of nothing."""
+    return np.divide(moment, energy, out=np.zeros_like(moment), where=energy > 1e-9)
 
 
 def lobe(cos: np.ndarray, alpha: float) -> tuple[np.ndarray, np.ndarray]:
@@ -88,14 +94,49 @@ def lobe(cos: np.ndarray, alpha: float) -> tuple[np.ndarray, np.ndarray]:
 
 def mean_over(values: np.ndarray, place: np.ndarray, weight: np.ndarray) -> np.ndarray:
     """Mean over lobes of a function given at nodes of u: (C, F) values, (N, S) places in u and weights -> (C, N)."""
-    x = np.clip(place, 0, 1) * (values.shape[1] - 1)
-    i = np.minimum(x.astype(int), values.shape[1] - 2)
+    return np.asarray(values @ spread_over(place, weight, values.shape[1]).T)
+
+
+def spread_over(place: np.ndarray, weight: np.ndarray, count: int) -> np.ndarray:
+    """(N, count) weights of the nodes of u, for (N, S) places in u and weights."""
+    x = np.clip(place, 0, 1) * (count - 1)
+    i = np.minimum(x.astype(int), count - 2)
     f = x - i
-    matrix = np.zeros((len(place), values.shape[1]))
-    row = np.arange(len(place))[:, None] + 0 * i
-    np.add.at(matrix, (row, i), weight * (1 - f))
-    np.add.at(matrix, (row, i + 1), weight * f)
-    return np.asarray(values @ matrix.T)
+    row = np.arange(len(place))[:, None] * count
+    found = np.bincount((row + i).ravel(), (weight * (1 - f)).ravel(), len(place) * count)
+    found += np.bincount((row + i + 1).ravel(), (weight * f).ravel(), len(place) * count)
+    return found.reshape(len(place), count)
+
+
+#: roughnesses of the mirrors that send light back and forth below an interface
+KERNELS = np.linspace(0, 1, 21) ** 2
+
+
+def spreading(cos: np.ndarray, along: Callable, eta: float, roughness: float) -> np.ndarray:
+    """(FINE, FINE): where, of the nodes, a lossless rough mirror sends the light of each node."""
+    o, weight = lobe(cos, roughness)
+    return spread_over(along(o, eta), weight, len(cos))
+
+
+def at_roughness(kernels: list[np.ndarray], alpha: float, width: float) -> np.ndarray:
+    """What a round trip below an interface of roughness `alpha` does, over a base that made a lobe of `width`."""
+    f = sum(min(x, 0.9999) ** 1.1 / (1 - min(x, 0.9999) ** 1.1) for x in (alpha, width))
+    x = np.sqrt((f / (1 + f)) ** (1 / 1.1)) * (len(KERNELS) - 1)
+    i = min(int(x), len(KERNELS) - 2)
+    return np.asarray((1 - x + i) * kernels[i] + (x - i) * kernels[i + 1])
+
+
+def again(r: np.ndarray, t: np.ndarray, beam: np.ndarray, kernel: np.ndarray) -> np.ndarray:
+    """(N, 2): reflectance and transmittance, in the mean over all further round trips, of what was reflected once.
+
+    Such that t / (1 - r) is what gets out in the end, and 1 / (1 - r) how many times it comes by.
+    """
+    first = beam * r
+    first = np.where(first.sum(axis=1, keepdims=True) > 1e-9, first, beam)
+    state = (first / first.sum(axis=1, keepdims=True)) @ kernel
+    visits = np.linalg.solve(np.eye(len(r)) - (r[:, None] * kernel).T * (1 - 1e-6), state.T).T
+    number = visits.sum(axis=1)
+    return np.stack([1 - 1 / number, visits @ t / number], axis=1)
 
 
 def along(cos: np.ndarray, eta: float) -> np.ndarray:
@@ -109,50 +150,68 @@ def along(cos: np.ndarray, eta: float) -> np.ndarray:
 
 
 def smooth(cos: np.ndarray, eta: float) -> np.ndarray:
-    """(3, N) of a smooth boundary, as `directional`."""
-    import drjit as dr
+    """(4, N) of a smooth boundary, as `directional`."""
     from drjit.llvm.ad import Float64
 
     from urushi.optics.fresnel import fresnel_dielectric
 
     r, t = fresnel_dielectric(Float64(cos), Float64(eta), Float64(1 / eta))
-    del dr
     r = np.array(r)
-    return np.stack([r, 1 - r, np.array(t)])
+    return np.stack([r, 1 - r, np.array(t), cos])
 
 
-def dielectric(kind: tuple[str, str]) -> tuple[np.ndarray, np.ndarray]:
-    """(2, INDICES, ROUGHNESSES, WIDTHS, COSINES, 3) for lobes, and (2, INDICES, ROUGHNESSES, 2) for diffuse light."""
+def dielectric(kind: tuple[str, str]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """(2, INDICES, ROUGHNESSES, WIDTHS, COSINES, 4) for lobes, the same with 2 for those that come back (`again`), and
+    (2, INDICES, ROUGHNESSES, 2) for diffuse light."""
     from urushi.solvers.lobes import axes
 
     alphas, widths = axes.squares(axes.ROUGHNESSES), axes.squares(axes.WIDTHS)
-    shape = (2, axes.INDICES, axes.ROUGHNESSES, axes.WIDTHS, axes.COSINES, 3)
-    table, diffuse = np.zeros(shape), np.zeros((*shape[:3], 2))
-    beams = [lobe(axes.cosines(2.0), width) for width in widths]
+    shape = (2, axes.INDICES, axes.ROUGHNESSES, axes.WIDTHS, axes.COSINES, 4)
+    table, back, diffuse = np.zeros(shape), np.zeros((*shape[:5], 2)), np.zeros((*shape[:3], 2))
     for side in (0, 1):
         for k, ratio in enumerate(axes.ratios()):
             eta = float(ratio if side == 0 else 1 / ratio)
             cos = axes.cosines(eta, FINE)
             a, c = (x.ravel() for x in np.meshgrid(alphas[1:], cos, indexing="ij"))
-            fine = directional(c, a, np.full_like(c, eta), kind).reshape(3, -1, FINE).swapaxes(0, 1)
+            fine = directional(c, a, np.full_like(c, eta), kind).reshape(4, -1, FINE).swapaxes(0, 1)
             fine = np.concatenate([smooth(cos, eta)[None], fine])
-            # of the transmitted cosine, what is weighed by the transmittance is averaged
-            values = np.stack([fine[:, 0], fine[:, 1], fine[:, 1] * fine[:, 2]], axis=1).reshape(-1, FINE)
-            lobes = beams if side == 0 else [lobe(axes.cosines(eta), width) for width in widths]
-            for b, (o, weight) in enumerate(lobes):
-                mean = mean_over(values, along(o, eta), weight).reshape(-1, 3, axes.COSINES)
-                mean[:, 2] = np.divide(
-                    mean[:, 2], mean[:, 1], out=np.zeros_like(mean[:, 2]), where=mean[:, 1] > 1e-9
-                )
+            moments = [fine[:, 0], fine[:, 1], fine[:, 1] * fine[:, 2], fine[:, 0] * fine[:, 3]]
+            values = np.stack(moments, axis=1).reshape(-1, FINE)
+            kernels = [spreading(cos, along, eta, roughness) for roughness in KERNELS]
+            for b, width in enumerate(widths):
+                o, weight = lobe(axes.cosines(eta), width)
+                matrix = spread_over(along(o, eta), weight, FINE)
+                mean = (values @ matrix.T).reshape(-1, 4, axes.COSINES)
+                mean[:, 2], mean[:, 3] = over(mean[:, 2], mean[:, 1]), over(mean[:, 3], mean[:, 0])
                 table[side, k, :, b] = mean.swapaxes(1, 2)
+                for a, alpha in enumerate(alphas):
+                    kernel = at_roughness(kernels, alpha, width)
+                    back[side, k, a, b] = again(fine[a, 0], fine[a, 1], matrix, kernel)
             u, weight = np.polynomial.legendre.leggauss(64)
             u, weight = 0.5 * (u + 1), 0.5 * weight
-            c2 = np.sort(np.concatenate([u]))
-            mu = np.sqrt(c2)
-            flux = mean_over(values, along(mu, eta)[None], weight[np.argsort(u)][None])
-            diffuse[side, k] = flux.reshape(-1, 3)[:, :2]
+            flux = mean_over(values, along(np.sqrt(u), eta)[None], weight[None])
+            diffuse[side, k] = flux.reshape(-1, 4)[:, :2]
         print(kind, side, flush=True)
-    return table, diffuse
+    return table, back, diffuse
+
+
+def centres() -> dict[str, np.ndarray]:
+    """(WIDTHS, MEANS, 1), evenly spaced in the cosine that is given.
+
+    Returns:
+        "centre": of the lobe of a width, by its mean cosine; "mean": the inverse.
+    """
+    from urushi.solvers.lobes import axes
+
+    cos = np.concatenate([np.linspace(1e-3, 0.02, 8), np.linspace(0.03, 1, 98)])
+    means = np.linspace(0, 1, axes.MEANS)
+    centre, back = [], []
+    for width in axes.squares(axes.WIDTHS):
+        o, weight = lobe(cos, width)
+        mean = np.maximum.accumulate((o * weight).sum(axis=1) + 1e-9 * np.arange(len(cos)))
+        centre.append(np.interp(means, mean, cos))
+        back.append(np.interp(means, cos, mean))
+    return {"centre": np.stack(centre)[..., None], "mean": np.stack(back)[..., None]}
 
 
 #: cosines at which the reflectance of a metal is asked for
@@ -261,11 +320,14 @@ def main() -> None:
     OUT.mkdir(exist_ok=True)
     low = {name: fixed_point(table) for name, table in slabs().items()}
     np.savez_compressed(OUT / "slabs.npz", **low)
+    np.savez_compressed(OUT / "lobes.npz", **{name: fixed_point(table) for name, table in centres().items()})
     for distribution in ("ggx", "beckmann"):
         for masking in ("correlated", "separable"):
             tables = [*dielectric((distribution, masking)), *metal((distribution, masking))]
-            names = ("dielectric", "dielectric_diffuse", "metal", "metal_diffuse")
+            names = ("dielectric", "dielectric_again", "dielectric_diffuse", "metal", "metal_diffuse")
             low = {name: fixed_point(table) for name, table in zip(names, tables, strict=True)}
+            if (distribution, masking) != ("ggx", "correlated"):
+                del low["dielectric_again"]
             path = OUT / f"{distribution}_{masking}.npz"
             np.savez_compressed(path, **low)
             print(path.name, path.stat().st_size)

@@ -16,6 +16,8 @@ from ...optics.vectors import Array, at_least, at_most, root
 
 #: nodes along index, roughness, width of the incident light, cosine
 INDICES, ROUGHNESSES, WIDTHS, COSINES = 15, 10, 9, 17
+#: nodes along the mean cosine of a lobe
+MEANS = 33
 #: the largest ratio of two indices, and the nearest to 1 that is told from it
 LARGEST, SMALLEST = 5.0, 1.004
 #: (n - 1) / (n + 1) of the largest ratio

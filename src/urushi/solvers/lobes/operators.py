@@ -22,7 +22,7 @@ from ...interfaces import BoundConductor, BoundDielectric, BoundDiffuse, Interfa
 from ...optics.fresnel import fresnel_conductor, fresnel_dielectric
 from ...optics.vectors import Array, Vector, at_least, negate, root
 from . import tables
-from .width import Width, of_interface
+from .width import Width, mean_roughness, of_interface
 
 #: lowest cosine of a mean direction: widths are in proportion to its inverse
 GRAZING = 1e-3
@@ -77,12 +77,41 @@ class Boundary:
         eta = self.eta
         return root((dr.square(cos) + (eta - 1) * (eta + 1)) / dr.square(eta))
 
+    def beyond(self, cos: Array, width: Array | None, after: Width) -> Array:
+        """The cosine around which lies what is transmitted, as a lobe of the width `after`.
+
+        Facets that face the light are seen more than others, and those that would reflect it totally transmit nothing.
+        """
+        snell = self.refracted(cos)
+        if not isinstance(self.inner, BoundDielectric) or (self.smooth and width is None):
+            return snell
+        mean = tables.mean_cosine(self._kind(), cos, self.eta, self.alpha, width, True)
+        # Narrow as they still are, the lobes of refraction have longer tails than those of reflection: their mean is
+        # the better centre.
+        found = mean if width is None else tables.centre(mean, mean_roughness(after))
+        return found if self.delta is False or width is not None else dr.select(self.delta, snell, found)
+
+    def back(self, cos: Array, width: Array | None, after: Width) -> Array:
+        """The same of what is reflected."""
+        if not isinstance(self.inner, BoundDielectric) or (self.smooth and width is None):
+            return cos
+        mean = tables.mean_cosine(self._kind(), cos, self.eta, self.alpha, width, False)
+        found = tables.centre(mean, mean_roughness(after))
+        return found if self.delta is False or width is not None else dr.select(self.delta, cos, found)
+
+    def _kind(self) -> tuple[str, str]:
+        """Which tables; those of a smooth interface are the same in all."""
+        return ("ggx", "correlated") if self.smooth else self.kind
+
     def transmitted(self, cos: Array, beyond: Array) -> Width:
         """The width that crossing from the cosine `cos` to `beyond` adds."""
         return self._width(0.5 * dr.abs(1 - cos / (self.eta * at_least(beyond, GRAZING))))
 
-    def beam(self, cos: Array, width: Array | None) -> tuple[Array, Array]:
-        """Reflectance and transmittance of a lobe of mean cosine `cos` and roughness `width` (None: one direction)."""
+    def beam(self, cos: Array, width: Array | None, again: bool = False) -> tuple[Array, Array]:
+        """Reflectance and transmittance of a lobe of mean cosine `cos` and roughness `width` (None: one direction).
+
+        With `again`, of what comes back after it was reflected here.
+        """
         if isinstance(self.inner, Null):
             return 0.0, 1.0
         if isinstance(self.inner, BoundDiffuse):
@@ -91,13 +120,13 @@ class Boundary:
         if isinstance(self.inner, BoundConductor):
             if sharp:
                 return fresnel_conductor(cos, self.inner.eta, self.inner.k), 0.0
-            kind = ("ggx", "correlated") if self.smooth else self.kind
+            kind = self._kind()
             return tables.metal(kind, cos, self.inner.eta, self.inner.k, self.alpha, width, self.full), 0.0
         fresnel, _ = fresnel_dielectric(cos, self.eta, 1 / self.eta)
         if sharp:
             return fresnel, 1 - fresnel
-        kind = ("ggx", "correlated") if self.smooth else self.kind
-        r, t = tables.dielectric(kind, cos, self.eta, self.alpha, width)
+        kind = self._kind()
+        r, t = tables.dielectric(kind, cos, self.eta, self.alpha, width, again)
         if self.full:
             r, t = tables.complete(r, t)
         if self.delta is not False and width is None:
@@ -110,7 +139,7 @@ class Boundary:
             return 0.0, 1.0
         if isinstance(self.inner, BoundDiffuse):
             return self.inner.reflectance + 0 * like, 0.0
-        kind = ("ggx", "correlated") if self.smooth else self.kind
+        kind = self._kind()
         if isinstance(self.inner, BoundConductor):
             return tables.metal_diffuse(kind, self.inner.eta, self.inner.k, self.alpha, self.full, like), 0.0
         if self.smooth:

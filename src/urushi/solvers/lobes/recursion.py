@@ -22,6 +22,7 @@ import drjit as dr
 from ...adding import Slab, add
 from ...optics.vectors import Array, Vector, at_least, at_most, channels, total
 from ..bound import BoundStack
+from . import tables
 from .flow import ALL, FLOWS, NONE, Flow, bounce, times
 from .medium import Particles
 from .operators import GRAZING, Boundary
@@ -73,7 +74,6 @@ class _Step:
 
     layer: Boundary | Particles
     cos: Array  # in the region above
-    below: Array  # in the region below
     r: Flow
     t: Flow
 
@@ -100,11 +100,15 @@ def respond(stack: BoundStack, wi: Vector, above: bool, scatters: bool = True) -
         r, t = boundary.beam(cos, width)
         even_r, even_t = boundary.even(cos)
         base = boundary.inner.reflectance if boundary.scatters() else 0.0
-        step = _Step(boundary, cos, boundary.refracted(cos), Flow(r, base, even_r), Flow(t, 0.0, even_t))
+        step = _Step(boundary, cos, Flow(r, base, even_r), Flow(t, 0.0, even_t))
         lobe_width = plus(spread.down, boundary.reflected)
-        up = _from_below(steps, lobe_width if not _known(sharp, boundary) else None)
-        down = bounce(up.r_bottom, step.r, arriving)
-        sent = times(up.t_up, times(step.r, down))
+        back_width = lobe_width if not _known(sharp, boundary) else None
+        returning = boundary.back(cos, width, lobe_width)
+        up, later = (_from_below(steps, returning, back_width, again) for again in (False, True))
+        first = times(step.r, arriving)
+        more = bounce(later.r_bottom, step.r, times(up.r_bottom, first))
+        sent = times(up.t_up, first) + times(later.t_up, times(step.r, more))
+        down = arriving + more
         loop = _mean(up.r_bottom.beam) * _mean(r)
         rounds = loop / (1 - at_most(loop, MOST)) if steps else 0.0
         sharp = _both(sharp, boundary.still())
@@ -115,7 +119,8 @@ def respond(stack: BoundStack, wi: Vector, above: bool, scatters: bool = True) -
         if boundary.opaque:
             return Answer(reflected, None, diffuse, 0.0)
         # --- refraction, and what it does to widths
-        below = at_least(step.below, GRAZING)
+        snell = boundary.refracted(cos)
+        below = at_least(snell, GRAZING)
         inner = _mean(t) * _mean(up.r_bottom.beam) * _mean(t) / (1 - at_most(loop, MOST))
         spread.cross(
             boundary.reflected,
@@ -127,18 +132,19 @@ def respond(stack: BoundStack, wi: Vector, above: bool, scatters: bool = True) -
             inner if steps else 0.0,
         )
         steps.append(step)
-        cos, beyond_cos = below, step.below
+        cos = at_least(boundary.beyond(cos, width, spread.down), GRAZING)
+        beyond_cos = snell
         # --- the medium beyond
         medium = stack.media[k + 1] if above else stack.media[k]
         if medium is not None:
             particles = Particles(medium, scatters)
             medium_r, medium_t = particles.layer(cos)
-            up = _from_below(steps, None)
+            up = _from_below(steps, cos, None, False)
             down = bounce(up.r_bottom, medium_r, arriving)
             sent = times(up.t_up, times(medium_r, down))
             diffuse = _sum(diffuse, sent.scattered)
             arriving = times(medium_t, down)
-            steps.append(_Step(particles, cos, cos, medium_r, medium_t))
+            steps.append(_Step(particles, cos, medium_r, medium_t))
             _, spread_by = particles.passed(cos)
             if particles.scatters:
                 spread.cross(0.0, spread_by, spread_by, 1.0, 0.0, 0.0, 1.0)
@@ -148,22 +154,31 @@ def respond(stack: BoundStack, wi: Vector, above: bool, scatters: bool = True) -
     return Answer(reflected, through, diffuse, arriving.scattered)
 
 
-def _from_below(steps: list[_Step], width: Width | None) -> Slab:
-    """The layers gone through so far, for a lobe of this width that comes from below; None: for one direction."""
+def _from_below(steps: list[_Step], cos: Array, width: Width | None, again: bool) -> Slab:
+    """The layers gone through so far, for a lobe that comes from below.
+
+    Args:
+        cos, width: of the lobe; None for one direction.
+        again: for what was reflected of it, and what then comes back.
+    """
     slabs: list[Slab] = []
     for step in reversed(steps):
         if isinstance(step.layer, Particles):
-            slabs.append(Slab(step.r, step.t, step.r, step.t))
+            r, t = step.layer.layer(cos if width is None else tables.mean(cos, mean_roughness(width)))
+            slabs.append(Slab(step.r, step.t, r, t))
             if width is not None:
-                width = plus(width, step.layer.passed(step.cos)[1])
+                width = plus(width, step.layer.passed(cos)[1])
             continue
         turned = step.layer.turned
-        r, t = turned.beam(at_least(step.below, GRAZING), None if width is None else mean_roughness(width))
-        even_r, even_t = turned.even(step.cos)
+        alpha = None if width is None else mean_roughness(width)
+        r, t = turned.beam(cos, alpha, again)
+        even_r, even_t = turned.even(cos)
         slabs.append(Slab(step.r, step.t, Flow(r, 0.0, even_r), Flow(t, 0.0, even_t)))
+        snell = at_least(turned.refracted(cos), GRAZING)
         if width is not None:
-            below = at_least(step.below, GRAZING)
-            width = plus(width * (step.layer.eta * below / step.cos), turned.transmitted(below, step.cos))
+            width = plus(width * (cos / (turned.eta * snell)), turned.transmitted(cos, snell))
+            snell = at_least(turned.beyond(cos, alpha, width), GRAZING)
+        cos = snell
     whole = Slab(NONE, ALL, NONE, ALL)
     for n, slab in enumerate(reversed(slabs)):
         whole = add(whole, slab, FLOWS) if n else slab

@@ -5,10 +5,14 @@ roughness `width` around the direction of mean cosine `cos` (0: all light in one
 back from the layers below. So the part of a lobe that is totally reflected is in the table, and so is what Belcour's
 separate table of total reflection is for.
 
-    dielectric      side, index ratio, roughness, width, cosine -> reflectance, transmittance, mean cosine transmitted
+    dielectric      side, index ratio, roughness, width, cosine -> reflectance, transmittance, mean cosines transmitted
+                    and reflected
+    again           the first two of a lobe that was reflected once and sent back by a mirror as rough as made it (of GGX,
+                    for all distributions)
     diffuse         side, index ratio, roughness -> reflectance and transmittance of light that comes evenly from a side
     metal           roughness, width, cosine -> weights w_j: the reflectance is sum w_j F(c_j), whatever Fresnel's F is
     metal diffuse   likewise for even light
+    centre          width, mean cosine -> centre of a lobe, as all others take it; `mean` is the inverse
 
 All are for one scattering at the facets; `complete` adds what facets send to one another.
 """
@@ -33,12 +37,10 @@ METAL = tuple(float((0.5 - 0.5 * np.cos(np.pi * j / 4)) ** 2) for j in range(5))
 
 
 @cache
-def _grid(kind: tuple[str, str], name: str) -> Grid:
+def _grid(kind: tuple[str, ...], name: str) -> Grid:
     with np.load(Path(__file__).parent / "data" / f"{'_'.join(kind)}.npz") as file:
-        if name == "dielectric_cosine":
-            return Grid(file["dielectric"][..., 2:] * STEP)
-        values = file[name] * STEP
-        return Grid(values[..., :2] if name == "dielectric" else values)
+        first, last = {"dielectric": (0, 2), "transmitted": (2, 3), "reflected": (3, 4)}.get(name, (0, None))
+        return Grid(file["dielectric" if last else name][..., first:last] * STEP)
 
 
 def _side(eta: Array) -> Array:
@@ -46,7 +48,7 @@ def _side(eta: Array) -> Array:
 
 
 def dielectric(
-    kind: tuple[str, str], cos: Array, eta: Array, alpha: Array, width: Array | None
+    kind: tuple[str, str], cos: Array, eta: Array, alpha: Array, width: Array | None, again: bool = False
 ) -> tuple[Array, Array]:
     """Reflectance and transmittance of a rough dielectric.
 
@@ -56,17 +58,30 @@ def dielectric(
         eta: index beyond over index before.
         alpha: roughness of the interface.
         width: roughness of the lobe that the light is; None for one direction.
+        again: mean of all visits but the first, by the light that the first has reflected.
     """
     places = _places(cos, eta, alpha, width)
-    r, t = _grid(kind, "dielectric")(places, cos)
+    grid = _grid(("ggx", "correlated"), "dielectric_again") if again else _grid(kind, "dielectric")
+    r, t = grid(places, cos)
     return r, t
 
 
-def transmitted_cosine(
-    kind: tuple[str, str], cos: Array, eta: Array, alpha: Array, width: Array | None
+def mean_cosine(
+    kind: tuple[str, str], cos: Array, eta: Array, alpha: Array, width: Array | None, through: bool
 ) -> Array:
-    """Mean cosine, beyond a rough dielectric, of what it transmits; arguments as for `dielectric`."""
-    return _grid(kind, "dielectric_cosine")(_places(cos, eta, alpha, width), cos)[0]
+    """Mean cosine of what a rough dielectric transmits or reflects; arguments as for `dielectric`."""
+    name = "transmitted" if through else "reflected"
+    return _grid(kind, name)(_places(cos, eta, alpha, width), cos)[0]
+
+
+def centre(mean: Array, width: Array) -> Array:
+    """The cosine of the direction around which a lobe lies, of which roughness and mean cosine are known."""
+    return _grid(("lobes",), "centre")([axes.along_square(width + 0 * mean), at_most(mean, 1)], mean)[0]
+
+
+def mean(cos: Array, width: Array) -> Array:
+    """The mean cosine of the lobe around a direction, the inverse of `centre`."""
+    return _grid(("lobes",), "mean")([axes.along_square(width + 0 * cos), at_most(cos, 1)], cos)[0]
 
 
 def _places(cos: Array, eta: Array, alpha: Array, width: Array | None) -> list[Array | int]:
