@@ -200,7 +200,7 @@ def test_check_describes_and_reports(run, monkeypatch):
         (["varnish.yaml", "--size", "12x0"], "--size is '12x0'"),
         (["varnish.yaml", "--size", "wide"], "--size is 'wide'"),
         (["varnish.yaml", "--samples", "0"], "--samples is 0"),
-        (["varnish.yaml", "--samples", "4", "--method", "adding"], "--method adding"),
+        (["varnish.yaml", "--samples", "4", "--method", "lobes"], "--method lobes"),
         (["varnish.yaml", "-o", "a.jpg"], ".png or .exr"),
         (["varnish.yaml", "-o", "scene.xml/a.png"], "cannot make the folder"),
         (["varnish.yaml", "-o", "folder.png"], "it is a folder"),

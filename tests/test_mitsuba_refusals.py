@@ -104,7 +104,7 @@ OPTIONS = {
         GOLD | {"method": "lobes"},
         "method 'lobes' cannot do this stack: this version of Urushi has no 'lobes' yet",
     ),
-    "planned, adding": (GOLD | {"method": "adding"}, "'adding' yet; methods that can: walk"),
+    "planned, lobes": (GOLD | {"method": "lobes"}, "'lobes' yet; methods that can: walk"),
     "no samples": (GOLD | {"samples": 0}, "layered.samples: found 0; allowed: a whole number from 1 to"),
     "half a sample": (
         GOLD | {"samples": 1.5},
