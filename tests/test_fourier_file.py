@@ -13,6 +13,7 @@ import pytest
 
 from fourier_files import COATED, SLAB, small
 from urushi.adapters.fourier import FourierTable, evaluate, read_fourier, write_fourier
+from urushi.adapters.fourier.file import packed
 from urushi.errors import MaterialError, UrushiError
 
 TABLES = {
@@ -120,6 +121,11 @@ FAULTS = {
     "equal nodes at the end": (slice(None), (64 + 4 * 6, struct.pack("<f", 1)), r"nodes\[7\]: found 1.0"),
     "cdf": (slice(None), (BODY + 4 * (N + 2), struct.pack("<f", np.inf)), r"cdf\[1, 2, 0\]: found inf"),
     "offset": (slice(None), (OFFSETS, struct.pack("<I", 10**6)), r"offsets\[0, 0\]: found 1000000"),
+    "offset one too far": (
+        slice(None),
+        (OFFSETS, struct.pack("<I", len(TABLES["one"].coefficients) - int(TABLES["one"].counts[0, 0]) + 1)),
+        r"offsets\[0, 0\]: found",
+    ),
     "offset that overflows": (
         slice(None),
         (OFFSETS, struct.pack("<I", 2**32 - 1)),
@@ -245,7 +251,7 @@ def test_no_broken_file_does_worse_than_an_error(tmp_path, rng):
                 finally:
                     assert tracemalloc.get_traced_memory()[1] < 5_000_000
                 accepted += 1
-                assert written(table, tmp_path) == changed
+                assert packed(table) == changed
                 if table.bases == 1 and not table.extrapolated:
                     with np.errstate(over="ignore", invalid="ignore"):
                         evaluate(table, wi, wo)

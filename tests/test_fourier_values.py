@@ -181,6 +181,20 @@ def test_blending_is_linear_between_the_corners(rng):
     assert np.ptp([c[0, 0] for c in corners.values()]) > 0.01
 
 
+def test_the_corners_of_a_grid_are_the_blocks_that_were_given():
+    """Channel by channel, basis by basis in it: each corner is the table that its block alone makes."""
+    energies = [(0.1, 0.2, 0.3), (0.5, 0.1, 0.2)]
+    blocks = np.stack([kernel(orders=4, energy=energy) for energy in energies])
+    table = fourier_table(MU, r_top=blocks, positions=([0.0, 1.0],))
+    for at, block in zip((0, 1), blocks, strict=True):
+        alone, corner = fourier_table(MU, r_top=block), blended(table, (at,))
+        np.testing.assert_array_equal(corner.coefficients, alone.coefficients)
+        np.testing.assert_array_equal(corner.offsets, alone.offsets)
+        np.testing.assert_allclose(corner.cdf, alone.cdf, rtol=1e-6)
+    series = table.series(30, 10, 2, 1)
+    np.testing.assert_array_equal(series, fourier_table(MU, r_top=blocks[1]).series(30, 10, 2))
+
+
 def test_what_cannot_be_evaluated_or_built():
     table = small(1, (2,))
     wi = np.array([[0, 0, 1.0]])

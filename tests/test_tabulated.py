@@ -25,6 +25,17 @@ TABLES = {
     "kernel": fourier_table(MU, r_top=kernel(), t_down=kernel(energy=(0.2,)), r_bottom=kernel(energy=(0.9,))),
     "sharp": fourier_table(MU, r_top=kernel(orders=80, ratio=0.93), t_up=kernel()),
 }
+
+
+def coarse():
+    """Few nodes, as different from one another as can be."""
+    rng, mu = np.random.default_rng(3), np.array([0.3, 0.65, 1.0])
+    mean = rng.uniform(0.02, 1, (1, 1, 3, 3))
+    wave = mean * rng.uniform(-1, 1, (1, 1, 3, 3))
+    return fourier_table(mu, tolerance=0, r_top=np.concatenate([mean, wave], axis=1))
+
+
+TABLES["coarse"] = coarse()
 SERIES = {name: prepared(table) for name, table in TABLES.items()}
 every_table = pytest.mark.parametrize("name", TABLES)
 
@@ -109,11 +120,14 @@ def test_the_density_adds_up_to_one(name, cos):
     assert density.min() >= 0
 
 
-@pytest.mark.parametrize("name", ["slab", "coated", "kernel", "sharp"])
-@pytest.mark.parametrize("cos", [1.0, 0.62, 0.15, -0.5])
+@pytest.mark.parametrize(
+    ("name", "cos"),
+    [(name, cos) for name in ("slab", "coated", "kernel", "sharp") for cos in (1.0, 0.62, 0.15, -0.5)]
+    + [("coarse", 0.45), ("coarse", 0.8)],
+)
 def test_directions_have_their_density(rng, name, cos):
     series = SERIES[name]
-    tables, n = of(SINGLE, series), 256
+    tables, n = of(SINGLE, series), 1024 if name == "coarse" else 256
     u = np.concatenate([strata(rng, n), rng.random((n * n, 1))], axis=1)[:, [0, 2, 1]]
     u = np.minimum(u, 1 - 2.0**-24)
     wi = np.broadcast_to(direction(cos, 0.4), u.shape)
@@ -156,6 +170,20 @@ def test_what_is_sampled_is_what_is_reflected(rng):
         assert np.array(valid).all()
         assert np.std(weight / albedo) < most
         assert np.mean(weight / albedo) == pytest.approx(1, abs=4 * most / np.sqrt(20000) + 1e-3)
+
+
+def test_there_is_density_wherever_splines_reach(rng):
+    """A single lit pair of nodes: splines overshoot into intervals whose ends are dark."""
+    block = np.zeros((1, 1, 6, 6))
+    block[0, 0, 3, 2] = 1.0
+    mu = np.linspace(0.1, 1, 6)
+    tables = of(SINGLE, prepared(fourier_table(mu, r_top=block)))
+    wi, wo = (SINGLE.vectors(direction(rng.uniform(0, 1, 5000), rng.uniform(0, 6, 5000))) for _ in range(2))
+    value, density = back(tables.eval(wi, wo)[0]), back(tables.pdf(wi, wo))
+    lit = value > 1e-5
+    assert np.count_nonzero(lit) > 100 and (density[lit] > 0).all()
+    # Each beam from where there is light at all finds what it reflects.
+    assert np.max(value[lit] / density[lit]) < 60
 
 
 def test_energies_are_those_of_numpy(rng):

@@ -69,7 +69,7 @@ def prepare(nodes: np.ndarray, offsets: np.ndarray, counts: np.ndarray, coeffici
     full = counts > 0
     means[full] = coefficients[offsets[full]]
     lift = _lifts(offsets, counts, coefficients[:, 0])
-    around = _REACH * _neighbours(nodes, _neighbours(nodes, means[..., 0] + lift).T).T
+    around = _REACH * _neighbours(_neighbours(means[..., 0] + lift).T).T
     lift = np.maximum(lift, around - means[..., 0])
     mean = np.maximum(means[..., 0] + lift, 0)
     steps = np.diff(nodes) * (mean[:, :-1] + mean[:, 1:]) / 2
@@ -102,10 +102,9 @@ def _lifts(offsets: np.ndarray, counts: np.ndarray, coefficients: np.ndarray) ->
     return lift.reshape(counts.shape)
 
 
-def _neighbours(nodes: np.ndarray, values: np.ndarray) -> np.ndarray:
-    """The largest of each value and those beside it along the last axis, except across two equal nodes."""
-    joined = np.diff(nodes) > 0
+def _neighbours(values: np.ndarray) -> np.ndarray:
+    """The largest of each value and those beside it along the last axis."""
     found = values.copy()
-    found[..., 1:] = np.maximum(found[..., 1:], np.where(joined, values[..., :-1], -np.inf))
-    found[..., :-1] = np.maximum(found[..., :-1], np.where(joined, values[..., 1:], -np.inf))
+    found[..., 1:] = np.maximum(found[..., 1:], values[..., :-1])
+    found[..., :-1] = np.maximum(found[..., :-1], values[..., 1:])
     return found

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import os
 import stat
 import struct
@@ -14,7 +13,7 @@ import numpy as np
 from urushi.errors import MaterialError
 from urushi.io import replace
 
-from .table import FLOAT, WHOLE, FourierTable
+from .table import FLOAT, LARGEST, WHOLE, FourierTable
 
 #: identifier, version, flags, nodes, coefficients, longest series, channels, bases, bytes of metadata, parameters,
 #: values of parameters, eta, alpha above, alpha below, unused
@@ -129,9 +128,10 @@ def _read(stream: Any, size: int) -> FourierTable:
 
 def _split(counts: np.ndarray, positions: np.ndarray, bases: int) -> tuple[np.ndarray, ...]:
     lengths = [int(count) for count in counts]
-    # Their product is not asked for before it is certain to be of a reasonable size.
-    many = sum(length > 1 for length in lengths)
-    if sum(lengths) != len(positions) or 0 in lengths or many > 32 or math.prod(lengths) != bases:
+    corners = 1
+    for length in lengths:
+        corners = min(corners * length, LARGEST + 1)  # a hostile file's would have a million digits
+    if sum(lengths) != len(positions) or 0 in lengths or corners != bases:
         raise MaterialError(
             f"found {lengths[:8]}, {len(positions)} positions and {bases} bases; allowed: counts from 1 that add up to "
             "the positions and multiply to the bases",
