@@ -37,16 +37,16 @@ from urushi.description.base import inside
 from urushi.errors import MaterialError, UnsupportedStack
 from urushi.io import load
 from urushi.solvers import PLANNED, SOLVERS
-from urushi.solvers.walk import reasons_against
-from urushi.solvers.walk.core import WalkCore
-from urushi.solvers.walk.derivative import bind_live
 from urushi.solvers.smooth import has_delta
 
+from .methods import Walk
 from .nested import read_children
 from .surface import Surface
 
+METHODS = {"walk": Walk}
+
 #: what may be said besides the layers
-OPTIONS = ("filename", "method", "samples", "seed", "max_depth")
+OPTIONS = ("filename", "method", *dict.fromkeys(o for method in METHODS.values() for o in method.OPTIONS))
 
 
 def register(mi: Any) -> None:
@@ -65,25 +65,19 @@ def make_plugin(mi: Any) -> Any:
         def __init__(self, props: Any) -> None:
             mi.BSDF.__init__(self, props)
             self.stack, sources = self._describe(props)
-            method = props.get("method", "walk")
-            self.samples = _whole(props, "samples", 1, 1, 2**31 - 1)
-            self.seed = _whole(props, "seed", 0, 0, 2**32 - 1)
-            limit = _whole(props, "max_depth", -1, -1, 2**31 - 1)
-            self.max_depth = None if limit < 0 else limit
-            _check_method(method, self.stack)
+            method = _method(props, self.stack)
             try:
                 self.surface = Surface(mi, self.stack, sources)
             except MaterialError as error:
                 raise inside(error, props.id() or "layered") from None
-            # Opaque, as the parameters are: another seed compiles nothing anew.
-            self._noise = dr.opaque(mi.UInt32, self.seed)
+            self.method = method(mi, self.stack, self.surface, props)
             self._find_components()
 
         def _describe(self, props: Any) -> tuple[Any, dict[str, Any]]:
             return _described(mi, props)
 
         def _find_components(self) -> None:
-            stack = self._bound(dr.zeros(mi.SurfaceInteraction3f), True)
+            stack = self.method.at(None, dr.zeros(mi.SurfaceInteraction3f), True).stack
             found = _components(mi, stack, self.surface)
             self._parts = {part: (number, kinds) for number, (part, (kinds, _)) in enumerate(found.items())}
             self.m_components = [flags for _, flags in found.values()]
@@ -92,18 +86,6 @@ def make_plugin(mi: Any) -> Any:
                 self.m_flags |= component
 
         # --- evaluation ----------------------------------------------------------------------------------------
-
-        def _bound(self, si: Any, active: Any) -> Any:
-            return bind_live(self.stack, self.surface.at(si, active), self.surface.fixed(), unrolled=True)
-
-        def _core(self, ctx: Any, si: Any, active: Any) -> WalkCore:
-            coloured = self.surface.coloured and "mono" not in mi.variant()
-            spectrum = mi.UnpolarizedSpectrum if coloured else mi.Float
-            radiance = ctx is None or ctx.mode == mi.TransportMode.Radiance
-            return WalkCore(self._bound(si, active), spectrum, radiance, self.max_depth)
-
-        def _key(self, si: Any) -> tuple[Any, ...]:
-            return si.uv.x, si.uv.y, si.time
 
         def _spectrum(self, value: Any) -> Any:
             value = mi.UnpolarizedSpectrum(value)
@@ -129,29 +111,28 @@ def make_plugin(mi: Any) -> Any:
             return not self.stack.layers[-1].opaque
 
         def eval(self, ctx: Any, si: Any, wo: Any, active: Any = True) -> Any:
-            core = self._core(ctx, si, active)
-            value = core.eval(si.wi, wo, self._key(si), self._noise, 0, self.samples)
+            value = self.method.at(ctx, si, active).eval(si.wi, wo)
             active = active & self._enabled(ctx, si.wi.z * wo.z > 0)
             return self._spectrum(dr.select(active, value, 0))
 
         def pdf(self, ctx: Any, si: Any, wo: Any, active: Any = True) -> Any:
-            density = self._core(ctx, si, active).pdf(si.wi, wo)
+            density = self.method.at(ctx, si, active).pdf(si.wi, wo)
             return dr.select(active & self._enabled(ctx, si.wi.z * wo.z > 0), density, 0)
 
         def sample(self, ctx: Any, si: Any, sample1: Any, sample2: Any, active: Any = True) -> Any:
-            core, wi = self._core(ctx, si, active), si.wi
-            wo, pdf, carried, delta = core.sample(wi, mi.Vector3f(sample1, sample2.x, sample2.y))
-            value = core.eval(wi, wo, self._key(si), self._noise, 0, self.samples)
+            here, wi = self.method.at(ctx, si, active), si.wi
+            wo, pdf, carried, delta = here.sample(wi, mi.Vector3f(sample1, sample2.x, sample2.y))
+            value = here.eval(wi, wo)
             reflected = wi.z * wo.z > 0
             wanted = self._enabled(ctx, reflected)
             if delta is not False:
-                value = dr.select(delta, carried * core.scale(wi, wo), value)
+                value = dr.select(delta, carried * here.scale(wi, wo), value)
                 sharp = dr.select(reflected, self._asked(ctx, "mirrored"), self._asked(ctx, "straight"))
                 wanted = dr.select(delta, sharp, wanted)
             active = active & (pdf > 0) & wanted
             bs = dr.zeros(mi.BSDFSample3f)
             bs.wo, bs.pdf = wo, dr.select(active, pdf, 0)
-            stack = core.stack
+            stack = here.stack
             ratio = stack.indices[-1] / stack.indices[0] if self._transmits else 1.0
             bs.eta = dr.select(reflected, 1.0, dr.select(wi.z > 0, ratio, 1 / ratio))
             kind, component = self._said(reflected, "reflected", "transmitted")
@@ -165,9 +146,8 @@ def make_plugin(mi: Any) -> Any:
 
         def eval_diffuse_reflectance(self, si: Any, active: Any = True) -> Any:
             """Directional-hemispherical reflectance for si.wi, as denoisers and albedo images want it."""
-            core = self._core(None, si, active)
-            up, down, *_ = core.flux(si.wi, self._key(si), self._noise, 0, max(self.samples, 4))
-            return mi.UnpolarizedSpectrum(dr.select(active, dr.select(si.wi.z > 0, up, down), 0))
+            albedo = self.method.at(None, si, active).albedo(si.wi)
+            return mi.UnpolarizedSpectrum(dr.select(active, albedo, 0))
 
         # --- parameters ----------------------------------------------------------------------------------------
 
@@ -184,17 +164,11 @@ def make_plugin(mi: Any) -> Any:
             """What shapes the compiled code (smooth or rough, index-matched, without scattering) follows the values."""
             for _, parameter in self.surface.each():
                 parameter.changed()
+            self.method.changed()
             self._find_components()
 
         def to_string(self) -> str:
-            said = {
-                "name": repr(self.stack.name),
-                "method": "walk",
-                "samples": self.samples,
-                "seed": self.seed,
-                "max_depth": -1 if self.max_depth is None else self.max_depth,
-                "exterior": self.stack.exterior,
-            }
+            said = {"name": repr(self.stack.name), **self.method.said(), "exterior": self.stack.exterior}
             lines = [f"  {name} = {value}" for name, value in said.items()]
             lines += [_layer_said(i, layer, self.surface) for i, layer in enumerate(self.stack.layers)]
             return "Layered[\n" + ",\n".join(lines) + "\n]"
@@ -255,23 +229,25 @@ def _length(value: Any, where: str) -> float:
     return float(value)
 
 
-def _whole(props: Any, name: str, default: int, low: int, high: int) -> int:
-    value = props.get(name, default)
-    number = isinstance(value, (int, float)) and not isinstance(value, bool)
-    if not number or not low <= value <= high or int(value) != value:
-        where = f"{props.id() or 'layered'}.{name}"
-        raise MaterialError(f"found {value!r}; allowed: a whole number from {low} to {high}", where=where)
-    return int(value)
-
-
-def _check_method(method: str, stack: Any) -> None:
-    if method in PLANNED:
-        raise UnsupportedStack(method, [f"this version of Urushi has no {method!r} yet"], list(SOLVERS))
-    if method not in ("walk", "auto"):
-        raise MaterialError(f"found {method!r}; allowed: walk, auto", where="layered.method")
-    reasons = reasons_against(stack)
-    if reasons:
-        raise UnsupportedStack("walk", reasons)
+def _method(props: Any, stack: Any) -> Any:
+    """The class of the method that was asked for."""
+    name = props.get("method", "walk")
+    if name in PLANNED:
+        raise UnsupportedStack(name, [f"this version of Urushi has no {name!r} yet"], list(SOLVERS))
+    if name not in (*METHODS, "auto"):
+        raise MaterialError(
+            f"found {name!r}; allowed: {', '.join((*METHODS, 'auto'))}",
+            where=f"{props.id() or 'layered'}.method",
+        )
+    name = "walk" if name == "auto" else name
+    others = {option for method in METHODS.values() for option in method.OPTIONS} - set(METHODS[name].OPTIONS)
+    for option in sorted(others):
+        if option in props:
+            raise MaterialError(
+                f"is no option of method {name!r}; allowed: {', '.join(METHODS[name].OPTIONS)}",
+                where=f"{props.id() or 'layered'}.{option}",
+            )
+    return METHODS[name]
 
 
 def _components(mi: Any, stack: Any, surface: Surface) -> dict[str, tuple[tuple[Any, ...], Any]]:
