@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import os
 import struct
 import tracemalloc
@@ -13,7 +14,7 @@ import pytest
 
 from fourier_files import COATED, SLAB, small
 from urushi.adapters.fourier import FourierTable, evaluate, read_fourier, write_fourier
-from urushi.adapters.fourier.file import packed
+from urushi.adapters.fourier.file import packed, unpacked
 from urushi.errors import MaterialError, UrushiError
 
 TABLES = {
@@ -232,7 +233,6 @@ def mutants(content: bytes, rng: np.random.Generator, n: int) -> list[bytes]:
 
 def test_no_broken_file_does_worse_than_an_error(tmp_path, rng):
     """Whatever is accepted is written as it was, and can be evaluated; nothing takes memory that the file lacks."""
-    path = tmp_path / "fuzz.bsdf"
     wi, wo = np.array([[0.6, 0.0, 0.8]]), np.array([[-0.6, 0.0, 0.8], [0.0, 0.6, -0.8]])
     accepted = refused = 0
     tracemalloc.start()
@@ -240,12 +240,11 @@ def test_no_broken_file_does_worse_than_an_error(tmp_path, rng):
         for name in TABLES:
             content = written(TABLES[name], tmp_path)
             for changed in mutants(content, rng, 600):
-                path.write_bytes(changed)
                 tracemalloc.reset_peak()
                 try:
-                    table = read_fourier(path)
+                    table = unpacked(io.BytesIO(changed), len(changed))
                 except UrushiError as error:
-                    assert str(path) in str(error)
+                    assert "found" in str(error) and "allowed" in str(error)
                     refused += 1
                     continue
                 finally:

@@ -39,7 +39,7 @@ def read_fourier(path: str | os.PathLike[str]) -> FourierTable:
         with open(os.fsdecode(path), "rb", opener=_opened) as stream:
             if not stat.S_ISREG(os.fstat(stream.fileno()).st_mode):
                 raise MaterialError("is no regular file; allowed: a Fourier .bsdf file")
-            return _read(stream, os.fstat(stream.fileno()).st_size)
+            return unpacked(stream, os.fstat(stream.fileno()).st_size)
     except MaterialError as error:
         raise MaterialError(error.problem, where=error.where, file=name) from None
     except (OSError, ValueError, TypeError) as error:
@@ -74,7 +74,8 @@ def _opened(path: str, flags: int) -> int:
     return os.open(path, flags | getattr(os, "O_NONBLOCK", 0))
 
 
-def _read(stream: Any, size: int) -> FourierTable:
+def unpacked(stream: Any, size: int) -> FourierTable:
+    """The table in a stream of this many bytes; what a header promises beyond them is not asked for."""
     head = stream.read(_HEADER.size)
     if len(head) >= 8 and (head[:7], head[7]) != (_IDENTIFIER, _VERSION):
         found = f"{head[:7]!r}, version {head[7]}"
