@@ -11,6 +11,7 @@ from hypothesis import strategies as st
 import urushi as ur
 from urushi.description.base import Description
 from urushi.description.parameter import Normal, Parameter, Roughness
+from urushi.description.phases import Curve
 from urushi.optics.ior import conductor_names
 from urushi.stack import LAYERS, PHASES
 
@@ -34,8 +35,10 @@ def textures(rule: Parameter) -> st.SearchStrategy[ur.Texture]:
     return st.builds(ur.Texture, file=st.just(IMAGE), scale=scales, raw=st.sampled_from([None, False, True]))
 
 
-def values(rule: Parameter, textured: bool) -> st.SearchStrategy[Any]:
+def values(rule: Parameter | Curve, textured: bool) -> st.SearchStrategy[Any]:
     """Every form that a parameter may have."""
+    if isinstance(rule, Curve):
+        return st.lists(st.floats(0, 1e12), min_size=2, max_size=9).filter(lambda found: max(found) >= 1e-12)
     forms: st.SearchStrategy[Any] = numbers(rule)
     if isinstance(rule, Normal):
         sideways = st.floats(-1, 1)

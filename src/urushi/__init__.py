@@ -28,6 +28,7 @@ from urushi.stack import (
     Medium,
     Rayleigh,
     Stack,
+    Tabulated,
     Texture,
 )
 
@@ -41,7 +42,7 @@ __version__ = "0.1.0"
 # fmt: off
 __all__ = [
     "Conductor", "Dielectric", "Diffuse", "HenyeyGreenstein", "Isotropic", "MaterialError", "Medium", "Rayleigh",
-    "Stack", "Texture", "UnsupportedStack", "UrushiError", "load", "presets", "save", "schema", "solve",
+    "Stack", "Tabulated", "Texture", "UnsupportedStack", "UrushiError", "load", "presets", "save", "schema", "solve",
 ]
 # fmt: on
 

@@ -12,7 +12,7 @@ from typing import Annotated, Any
 from urushi.description.base import Data, Description, Registered, Rule, Text, close, inside, shown
 from urushi.description.layers import LAYERS, Conductor, Dielectric, Diffuse, Layer, Medium
 from urushi.description.parameter import Parameter, Texture
-from urushi.description.phases import PHASES, HenyeyGreenstein, Isotropic, Rayleigh
+from urushi.description.phases import PHASES, HenyeyGreenstein, Isotropic, Rayleigh, Tabulated
 from urushi.errors import MaterialError
 
 __all__ = [
@@ -27,6 +27,7 @@ __all__ = [
     "Medium",
     "Rayleigh",
     "Stack",
+    "Tabulated",
     "Texture",
     "parameter_table",
 ]

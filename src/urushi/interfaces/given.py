@@ -66,6 +66,8 @@ class Given:
         return Frame(0.0 if isotropic or self.is_zero("rotation") else self["rotation"])
 
     def phase_parameters(self) -> dict[str, Array]:
-        """The numbers of a phase function, by the name of its arguments."""
-        head = f"{self.name}.phase."
-        return {key.removeprefix(head): value for key, value in self.values.items() if key.startswith(head)}
+        """The numbers of a phase function, by the name of its arguments; of a table, those of the description."""
+        head, phase = f"{self.name}.phase.", self.layer.phase
+        described = {name: getattr(phase, name) for name in type(phase).model_fields}
+        given = {key.removeprefix(head): value for key, value in self.values.items() if key.startswith(head)}
+        return {**described, **given}

@@ -24,7 +24,7 @@ class Truncated:
     Attributes:
         moments: (L,) of everything but the forward peak, per light it scatters: chi_0 = 1 - `backward`.
         forward: share of the scattered light that counts as not scattered.
-        backward: share of what is left that goes back exactly where it came from.
+        backward: share that goes back exactly where it came from; no phase function has both.
     """
 
     moments: np.ndarray
@@ -43,7 +43,7 @@ class Truncated:
         forward = float(chi[count]) if (chi[count:] > 0).all() else 0.0
         backward = float(abs(chi[count])) if (sign * chi)[count:].min() > 0 and not forward else 0.0
         chi, sign = chi[:count], sign[:count]
-        return cls((chi - forward - backward * sign) / (1 - forward), forward, backward / (1 - forward))
+        return cls((chi - forward - backward * sign) / (1 - forward), forward, backward)
 
     @classmethod
     def fit(cls, phase: Phase, mu: np.ndarray, weights: np.ndarray, tolerance: float = 1e-9) -> Truncated:

@@ -13,11 +13,13 @@ A new phase function is a class with `moments` and `eval` here, and a line in `P
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any, Protocol
 
 import numpy as np
 
 from ...errors import UrushiError
+from ...optics.phase import normalised
 
 #: more terms than this, and the starting values sin(theta)^m of the recurrence leave the range of double precision
 MOST_TERMS = 1800
@@ -72,11 +74,36 @@ class Rayleigh:
         return 3 / (16 * np.pi) * (1 + np.asarray(cos) ** 2)
 
 
+class Tabulated:
+    """Values at equal steps of the scattering angle from 0 to pi, linear in its cosine between them."""
+
+    def __init__(self, values: Sequence[float]) -> None:
+        self.away, self.density = normalised(values)
+
+    def moments(self, count: int) -> np.ndarray:
+        # Gauss on parts of the steps over which no P_l has more than four half-waves.
+        steps = len(self.away) - 1
+        ends = 2 * np.sin(np.linspace(0, np.pi / 2, steps * (1 + count // (4 * steps)) + 1)) ** 2
+        x, w = np.polynomial.legendre.leggauss(16)
+        length = np.diff(ends)[:, None]
+        away = (ends[:-1, None] + 0.5 * length * (1 + x)).ravel()
+        weight = 2 * np.pi * (0.5 * length * w).ravel() * np.interp(away, self.away, self.density)
+        found, before, now = np.zeros(count), np.ones_like(away), 1 - away
+        for l in range(count):  # noqa: E741
+            found[l] = weight @ before
+            before, now = now, ((2 * l + 3) * (1 - away) * now - (l + 1) * before) / (l + 2)
+        return found
+
+    def eval(self, cos: np.ndarray) -> np.ndarray:
+        return np.interp(1 - np.asarray(cos), self.away, self.density)
+
+
 #: the phase function of each described kind; called with the numbers of the description
 PHASES: dict[str, Any] = {
     "isotropic": Isotropic,
     "henyey_greenstein": HenyeyGreenstein,
     "rayleigh": Rayleigh,
+    "tabulated": Tabulated,
 }
 
 
