@@ -222,3 +222,19 @@ def test_piles_of_slabs_are_one_slab() -> None:
         for one, other in zip(found, whole, strict=True):
             assert np.allclose(one.dense, other.dense, atol=1e-10)
             assert one.delta is other.delta is None or np.allclose(one.delta, other.delta, rtol=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("g", "depth", "albedo"),
+    [(0.9, 1.0, 1.0), (0.99, 5.0, 1.0), (0.99, 100.0, 0.99), (-0.99, 1.0, 1.0), (-0.9, 5.0, 0.9)],
+)
+def test_peaks_too_sharp_for_the_nodes(g: float, depth: float, albedo: float) -> None:
+    """With delta-M, 24 nodes are good to 5e-4 (to 4e-3 at a cosine of 0.05) of what 120 nodes find."""
+    cosines = np.array([0.05, 0.2, 0.5, 0.8, 1.0])
+    found = []
+    for n in (24, 120):
+        grid = Grid.build([1.0], n)
+        whole, _, _ = medium(HenyeyGreenstein(g), depth, albedo, grid, orders=1)
+        found.append(at(grid, 0, cosines, whole.r_top.albedo()[0]))
+    error = np.abs(found[0] - found[1])
+    assert error[0] < 4e-3 and np.max(error[1:]) < 5e-4
