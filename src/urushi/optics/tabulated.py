@@ -45,8 +45,7 @@ class Tabulated:
         self.lit = np.stack(sides)[:, ::-1]
         # Channels side by side, in a width that one gather fetches.
         self.stride = 4 if series.channels == 3 else series.channels
-        rows = np.zeros((len(series.coefficients), self.stride))
-        rows[:, : series.channels] = series.coefficients
+        rows = np.pad(series.coefficients, ((0, 0), (0, self.stride - series.channels)))
         width, left, right = chords(series.nodes)
         floats = {
             "nodes": series.nodes,

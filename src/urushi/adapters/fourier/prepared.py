@@ -32,17 +32,18 @@ def prepared(table: FourierTable, luminance: bool = False) -> Series:
             f"found {table.flags} and {table.bases} bases; allowed: 1 and 1 basis", where="flags"
         )
     channels = 1 if luminance else table.channels
+    rows = len(table.coefficients) if channels == 1 else int(table.counts.sum(dtype=np.int64))
+    if 4 * rows > _REACH:
+        raise MaterialError(f"found {rows} coefficients of a channel; allowed: {_REACH // 4}", where="counts")
+    if channels == 1:  # the first channel of a series stands where the series begins
+        return prepare(table.nodes, table.offsets, table.counts, table.coefficients[:, None])
     counts = table.counts.astype(np.int64)
-    if 4 * int(counts.sum()) > _REACH:
-        raise MaterialError(
-            f"found {int(counts.sum())} coefficients of a channel; allowed: {_REACH // 4}", where="counts"
-        )
     flat = counts.ravel()
     starts = (np.cumsum(flat) - flat).reshape(counts.shape)
-    order = np.arange(flat.sum()) - np.repeat(starts.ravel(), flat)
-    source, length = np.repeat(table.offsets.ravel().astype(np.int64), flat), np.repeat(flat, flat)
-    rows = [table.coefficients[source + channel * length + order] for channel in range(channels)]
-    return prepare(table.nodes, starts, counts, np.stack(rows, axis=1))
+    first = np.repeat(table.offsets.ravel().astype(np.int64) - starts.ravel(), flat) + np.arange(flat.sum())
+    length = np.repeat(flat, flat)
+    columns = [table.coefficients[first + channel * length] for channel in range(channels)]
+    return prepare(table.nodes, starts, counts, np.stack(columns, axis=1))
 
 
 def tabulated(table: FourierTable, number: type, luminance: bool = False) -> Tabulated:
