@@ -75,3 +75,5 @@ def test_gradients_out_of_range() -> None:
             riccati.solve(riccati.Gradient(depth, constituents((0.5, lambda t, a=albedo: np.array([a])))))
     with pytest.raises(UrushiError, match="no constituents"):
         riccati.solve(riccati.Gradient(1.0, []))
+    with pytest.raises(UrushiError, match=r"found no step at depth .* use a larger tolerance"):
+        riccati.solve(riccati.Gradient(1.0, constituents((0.5, lambda t: np.array([0.9])))), 1e-20)

@@ -48,10 +48,11 @@ def solve(layer: Gradient, tolerance: float = 1e-8) -> Slab:
 
     Args:
         layer: the layer.
-        tolerance: allowed error of a step, per element of the symmetric matrices (of which none exceeds 1).
+        tolerance: allowed error of a step, per element of the symmetric matrices (of which none exceeds 1); all steps
+            together make some thirty times as much.
 
     Raises:
-        UrushiError: a depth or an albedo out of range.
+        UrushiError: a depth or an albedo out of range; a tolerance that rounding does not allow.
     """
     if not (np.isfinite(layer.depth) and layer.depth > 0):
         raise UrushiError(f"medium: found depth {layer.depth}; allowed: finite, > 0")
@@ -118,6 +119,10 @@ def _integrate(
         if error <= tolerance:
             tau = layer.depth if step >= layer.depth - tau else tau + step
             state = halves + (halves - whole) / 15
+        elif step < 1e-12 * layer.depth:
+            raise UrushiError(
+                f"medium: found no step at depth {tau} that keeps to {tolerance}; use a larger tolerance"
+            )
         step *= min(max(0.9 * (tolerance / max(error, 1e-300)) ** 0.2, 0.2), 4.0)
     return state[0], state[1]
 
