@@ -131,8 +131,9 @@ def test_mitsubas_chi2(mi, path, cos):
 
 
 @needs_llvm
-def test_mitsubas_chi2_finds_a_fault(mi):
+def test_mitsubas_chi2_finds_a_fault(mi, tmp_path, monkeypatch):
     """Two per cent too much on one side, too little on the other."""
+    monkeypatch.chdir(tmp_path)  # where Mitsuba leaves its account of a failure
     assert not chi2(
         mi,
         fourier(mi, COATED),
