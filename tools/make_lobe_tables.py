@@ -199,7 +199,8 @@ def centres() -> dict[str, np.ndarray]:
     """(WIDTHS, MEANS, 1), evenly spaced in the cosine that is given.
 
     Returns:
-        "centre": of the lobe of a width, by its mean cosine; "mean": the inverse.
+        "centre": of the lobe of a width, by its mean cosine; "mean": the inverse; "escaping": (INDICES, WIDTHS, COSINES, 1)
+        how much of a lobe lies within the critical angle.
     """
     from urushi.solvers.lobes import axes
 
@@ -211,7 +212,13 @@ def centres() -> dict[str, np.ndarray]:
         mean = np.maximum.accumulate((o * weight).sum(axis=1) + 1e-9 * np.arange(len(cos)))
         centre.append(np.interp(means, mean, cos))
         back.append(np.interp(means, cos, mean))
-    return {"centre": np.stack(centre)[..., None], "mean": np.stack(back)[..., None]}
+    within = []
+    for ratio in axes.ratios():
+        lobes = [lobe(axes.cosines(1 / ratio), width) for width in axes.squares(axes.WIDTHS)]
+        critical = np.sqrt(1 - 1 / ratio**2)
+        within.append(np.stack([(weight * (o >= critical)).sum(axis=1) for o, weight in lobes]))
+    found = {"centre": np.stack(centre), "mean": np.stack(back), "escaping": np.stack(within)}
+    return {name: table[..., None] for name, table in found.items()}
 
 
 #: cosines at which the reflectance of a metal is asked for

@@ -12,3 +12,40 @@ lights, with derivatives in every parameter.
 
 Sources: Belcour 2018; Weier & Belcour 2020 (anisotropy); de Dinechin & Belcour 2022 (diffuse bases).
 """
+
+from __future__ import annotations
+
+import sys
+from typing import Any
+
+from urushi import llvm
+from urushi.errors import UnsupportedStack
+from urushi.stack import Stack
+
+#: what `solve` takes besides the stack
+OPTIONS = ("published", "symmetric", "parameters", "backend", "precision", "mode")
+
+
+def reasons_against(stack: Stack, published: bool = False) -> list[str]:
+    """What of this stack the method cannot do; empty if it can."""
+    reasons = []
+    for i, layer in enumerate(stack.layers):
+        if getattr(layer, "normal", None) is not None:
+            reasons.append(f"layers[{i}].normal is given, and lobes of tilted interfaces are not there yet")
+        if layer.kind == "diffuse" and getattr(layer, "alpha", 0.0) not in (0.0, (0.0, 0.0)):
+            reasons.append(f"layers[{i}].alpha is not 0, and a rough diffuse base has no operator: use 0")
+        if published and layer.kind == "diffuse":
+            reasons.append(f"layers[{i}] is diffuse, which the published method does not know")
+    return reasons
+
+
+def solve(stack: Stack, **options: Any) -> Any:
+    """A `LobesBSDF`; see `urushi.solvers.lobes.result.LobesBSDF` for the options."""
+    reasons = reasons_against(stack, bool(options.get("published", False)))
+    if reasons:
+        raise UnsupportedStack("lobes", reasons)
+    if "drjit" not in sys.modules:
+        llvm.prepare()  # before Dr.Jit takes the first LLVM it finds
+    from .result import LobesBSDF
+
+    return LobesBSDF(stack, **options)

@@ -58,15 +58,16 @@ class Boundary:
         self._widths = x, y
         self.frame = self.inner.frame
         self.isotropic = facets.alpha_x is facets.alpha_y
-        self.alpha = x if self.isotropic else _shown(x, y, self.frame.enter(wi))
-        self.reflected = self._width(1.0)
+        self.alpha = x if self.isotropic else shown(x, y, self.frame.enter(wi))
+        self.reflected = self.width(1.0)
 
     @property
     def turned(self) -> Boundary:
         """The same interface for light from its other side."""
         return Boundary(self.interface, not self.above, self.wi)
 
-    def _width(self, scale: Array) -> Width:
+    def width(self, scale: Array) -> Width:
+        """The width that facets of `scale` times its roughness add."""
         if self.smooth:
             return 0.0
         x, y = (alpha * scale for alpha in self._widths)
@@ -105,7 +106,7 @@ class Boundary:
 
     def transmitted(self, cos: Array, beyond: Array) -> Width:
         """The width that crossing from the cosine `cos` to `beyond` adds."""
-        return self._width(0.5 * dr.abs(1 - cos / (self.eta * at_least(beyond, GRAZING))))
+        return self.width(0.5 * dr.abs(1 - cos / (self.eta * at_least(beyond, GRAZING))))
 
     def beam(self, cos: Array, width: Array | None, again: bool = False) -> tuple[Array, Array]:
         """Reflectance and transmittance of a lobe of mean cosine `cos` and roughness `width` (None: one direction).
@@ -132,6 +133,17 @@ class Boundary:
         if self.delta is not False and width is None:
             r, t = dr.select(self.delta, fresnel, r), dr.select(self.delta, 1 - fresnel, t)
         return r, t
+
+    def complete(self, cos: Array, alpha: Array) -> Array:
+        """Reflectance of the interface were it as rough as `alpha`, for one direction, nothing lost among its facets."""
+        kind = self._kind()
+        if isinstance(self.inner, BoundConductor):
+            return tables.metal(kind, cos, self.inner.eta, self.inner.k, alpha, None, True)
+        return tables.complete(*tables.dielectric(kind, cos, self.eta, alpha, None))[0]
+
+    def escaping(self, cos: Array, alpha: Array) -> Array:
+        """How much of a lobe of roughness `alpha` is not totally reflected, were all smooth."""
+        return tables.escaping(cos, self.eta, alpha)
 
     def even(self, like: Array) -> tuple[Array, Array]:
         """Reflectance and transmittance of diffuse light."""
@@ -166,8 +178,8 @@ def supports(interface: Interface) -> bool:
     return isinstance(inner, (BoundConductor, BoundDielectric, BoundDiffuse, Null))
 
 
-def _shown(x: Array, y: Array, w: Vector) -> Array:
-    """The roughness along the plane of incidence (Heitz 2014), and in the mean where there is none."""
+def shown(x: Array, y: Array, w: Vector) -> Array:
+    """The roughness along the plane of incidence of w (Heitz 2014), and in the mean where there is none."""
     a, b = dr.square(x), dr.square(y)
     return dr.sqrt(at_least(0.5 * (a + b + (a - b) * (dr.square(w.x) - dr.square(w.y))), 1e-12))
 

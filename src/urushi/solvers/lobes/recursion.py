@@ -104,7 +104,8 @@ def respond(stack: BoundStack, wi: Vector, above: bool, scatters: bool = True) -
         lobe_width = plus(spread.down, boundary.reflected)
         back_width = lobe_width if not _known(sharp, boundary) else None
         returning = boundary.back(cos, width, lobe_width)
-        up, later = (_from_below(steps, returning, back_width, again) for again in (False, True))
+        up, nearest = _from_below(steps, returning, back_width)
+        later, _ = _from_below(steps, returning, back_width, nearest)
         first = times(step.r, arriving)
         more = bounce(later.r_bottom, step.r, times(up.r_bottom, first))
         sent = times(up.t_up, first) + times(later.t_up, times(step.r, more))
@@ -139,7 +140,7 @@ def respond(stack: BoundStack, wi: Vector, above: bool, scatters: bool = True) -
         if medium is not None:
             particles = Particles(medium, scatters)
             medium_r, medium_t = particles.layer(cos)
-            up = _from_below(steps, cos, None, False)
+            up, _ = _from_below(steps, cos, None)
             down = bounce(up.r_bottom, medium_r, arriving)
             sent = times(up.t_up, times(medium_r, down))
             diffuse = _sum(diffuse, sent.scattered)
@@ -154,24 +155,41 @@ def respond(stack: BoundStack, wi: Vector, above: bool, scatters: bool = True) -
     return Answer(reflected, through, diffuse, arriving.scattered)
 
 
-def _from_below(steps: list[_Step], cos: Array, width: Width | None, again: bool) -> Slab:
+def _from_below(
+    steps: list[_Step], cos: Array, width: Width | None, again: Array | None = None
+) -> tuple[Slab, Array]:
     """The layers gone through so far, for a lobe that comes from below.
 
     Args:
         cos, width: of the lobe; None for one direction.
-        again: for what was reflected of it, and what then comes back.
+        again: None, or for light that was reflected already and now comes back: how much of it by the nearest
+            interface. It comes under angles at which that reflects more; what was reflected further up gets through
+            the nearest as ever, and is reflected more up there.
+
+    Returns:
+        the layers as one; and how much of what they reflect the nearest interface reflects, from below.
     """
     slabs: list[Slab] = []
+    first: Array | None = None
+    whole_sent: Array = 0.0
+    passing: Array = 1.0
     for step in reversed(steps):
         if isinstance(step.layer, Particles):
             r, t = step.layer.layer(cos if width is None else tables.mean(cos, mean_roughness(width)))
             slabs.append(Slab(step.r, step.t, r, t))
+            passing = passing * _mean(t.beam)
             if width is not None:
                 width = plus(width, step.layer.passed(cos)[1])
             continue
         turned = step.layer.turned
         alpha = None if width is None else mean_roughness(width)
-        r, t = turned.beam(cos, alpha, again)
+        r, t = turned.beam(cos, alpha)
+        if again is not None and width is not None:
+            share, (later_r, later_t) = again if first is None else 1.0, turned.beam(cos, alpha, True)
+            r, t = r + share * (later_r - r), t + share * (later_t - t)
+        sent = passing * passing * r
+        first = sent if first is None else first
+        whole_sent, passing = whole_sent + sent, passing * t
         even_r, even_t = turned.even(cos)
         slabs.append(Slab(step.r, step.t, Flow(r, 0.0, even_r), Flow(t, 0.0, even_t)))
         snell = at_least(turned.refracted(cos), GRAZING)
@@ -182,7 +200,7 @@ def _from_below(steps: list[_Step], cos: Array, width: Width | None, again: bool
     whole = Slab(NONE, ALL, NONE, ALL)
     for n, slab in enumerate(reversed(slabs)):
         whole = add(whole, slab, FLOWS) if n else slab
-    return whole
+    return whole, 1.0 if first is None else first / at_least(whole_sent + 0 * cos, 1e-12)
 
 
 def _known(sharp: Any, boundary: Boundary) -> bool:

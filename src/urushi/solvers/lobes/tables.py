@@ -12,6 +12,7 @@ separate table of total reflection is for.
     diffuse         side, index ratio, roughness -> reflectance and transmittance of light that comes evenly from a side
     metal           roughness, width, cosine -> weights w_j: the reflectance is sum w_j F(c_j), whatever Fresnel's F is
     metal diffuse   likewise for even light
+    escaping        index ratio, width, cosine -> how much of a lobe in the denser medium is not totally reflected
     centre          width, mean cosine -> centre of a lobe, as all others take it; `mean` is the inverse
 
 All are for one scattering at the facets; `complete` adds what facets send to one another.
@@ -72,6 +73,16 @@ def mean_cosine(
     """Mean cosine of what a rough dielectric transmits or reflects; arguments as for `dielectric`."""
     name = "transmitted" if through else "reflected"
     return _grid(kind, name)(_places(cos, eta, alpha, width), cos)[0]
+
+
+def escaping(cos: Array, eta: Array, width: Array) -> Array:
+    """How much of a lobe of this centre and roughness a boundary of index ratio eta does not reflect totally."""
+    places = [
+        axes.along_ratio(eta + 0 * cos),
+        axes.along_square(width + 0 * cos),
+        axes.along_cosine(cos, at_most(eta, 0.999)),
+    ]
+    return dr.select(eta < 1, _grid(("lobes",), "escaping")(places, cos)[0], 1)
 
 
 def centre(mean: Array, width: Array) -> Array:
@@ -140,6 +151,17 @@ def metal_diffuse(
     """Reflectance of a rough metal for light that comes evenly from all directions."""
     alpha = alpha + 0 * like
     return _metal(kind, _grid(kind, "metal_diffuse")([axes.along_square(alpha)], like), eta, k, alpha, full)
+
+
+def albedo(cos: Array | None, alpha: Array, like: Array) -> Array:
+    """What a mirror of GGX facets reflects by single scattering from this cosine; None: from all directions."""
+    alpha = at_least(alpha + 0 * like, 0)
+    if cos is None:
+        weights = _grid(("ggx", "correlated"), "metal_diffuse")([axes.along_square(alpha)], like)
+    else:
+        places: list[Array | int] = [axes.along_square(alpha), 0, dr.sqrt(at_least(cos, 1e-8))]
+        weights = _grid(("ggx", "correlated"), "metal")(places, like)
+    return sum(weights[1:], weights[0])
 
 
 def _metal(

@@ -16,6 +16,8 @@ import drjit as dr
 from ...interfaces.base import Frame
 from ...optics.vectors import Array, at_least, at_most
 
+Width = Any  # an Array or a Tensor; products have it on the left, since Dr.Jit's arrays know no Tensor
+
 POWER = 1.1
 #: the roughest that has a finite width
 ROUGHEST = 0.9999
@@ -34,6 +36,13 @@ def roughness(width: Array) -> Array:
     )
 
 
+def at_least_zero(width: Width) -> Width:
+    """Without what rounding, or a difference of approximations, made negative."""
+    if isinstance(width, Tensor):
+        return Tensor(at_least(width.xx, 0), width.xy, at_least(width.yy, 0))
+    return at_least(width, 0)
+
+
 class Tensor:
     """A width that differs between directions: the symmetric matrix ((xx, xy), (xy, yy))."""
 
@@ -49,9 +58,6 @@ class Tensor:
 
     def __mul__(self, factor: Array) -> Tensor:
         return Tensor(self.xx * factor, self.xy * factor, self.yy * factor)
-
-
-Width = Any  # an Array or a Tensor; products have it on the left, since Dr.Jit's arrays know no Tensor
 
 
 def plus(*widths: Width) -> Width:

@@ -1,0 +1,256 @@
+"""A stack as lobes, on Dr.Jit arrays: what the Python result and a renderer's plugin both stand on."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import drjit as dr
+
+from ...interfaces.base import Frame
+from ...optics.vectors import Array, Vector, at_least, at_most, channels, total
+from ..bound import BoundStack
+from ..direct import direct, direct_is_certain
+from ..smooth import has_delta, smooth_energy, straight
+from . import width as widths
+from .exit import Exit
+from .lobe import NARROWEST, Lobe
+from .mixture import Mixture
+from .recursion import Answer, Beam, respond
+
+#: share of the samples that every side with anything but delta parts gets as a cosine lobe
+FLOOR = 0.02
+
+
+@dataclass
+class Found:
+    """Everything for light from one direction, on one side.
+
+    Attributes:
+        lobes: see `Lobe`.
+        first: the lobe of the outermost interface, which is known exactly; None where it is smooth everywhere.
+        diffuse, beyond: diffuse energy on the side of the light and on the other; the float 0 where there is none.
+    """
+
+    lobes: list[Lobe]
+    first: Lobe | None
+    diffuse: Array
+    beyond: Array
+
+    def energy(self, same: bool) -> Array:
+        """All that leaves on one side, without delta parts."""
+        parts = [lobe.energy for lobe in self.all() if lobe.same == same]
+        return sum(parts, self.diffuse if same else self.beyond)
+
+    def all(self) -> list[Lobe]:
+        return ([self.first] if self.first is not None else []) + self.lobes
+
+
+class LobesCore:
+    """A bound stack with everything the method needs to know.
+
+    Args:
+        stack: the stack with its numbers.
+        spectrum: type of a colour, or of a number where nothing in the stack is coloured.
+        radiance: scale transmitted light as radiance (n_wi / n_wo)^2; False for importance (flux).
+        symmetric: evaluate reflection in its reciprocal form.
+        published: as the paper and its code have it (`published`).
+    """
+
+    def __init__(
+        self,
+        stack: BoundStack,
+        spectrum: Any,
+        radiance: bool = True,
+        symmetric: bool = False,
+        published: bool = False,
+    ) -> None:
+        self.stack, self.spectrum, self.radiance = stack, spectrum, radiance
+        self.symmetric, self.published = symmetric, published
+        self.sides = (True,) if stack.opaque else (True, False)
+        self.alone = (
+            len(stack.interfaces) == 1
+            and direct_is_certain(stack)
+            and all(medium is None for medium in stack.media)
+        )
+        scattering = [medium for medium in stack.media if medium is not None and medium.scatters]
+        #: whether light that is scattered forwards makes lobes of its own
+        self.forward = not published and any(hasattr(medium.phase, "g") for medium in scattering)
+        self.exits = {side: Exit(self, side) for side in self.sides}
+
+    # --- what light does -------------------------------------------------------------------------------------------
+
+    def answer(self, wi: Vector, above: bool, scatters: bool = True) -> Answer:
+        """The recursion, in the form that was asked for."""
+        if self.published:
+            from .published import respond as as_published
+
+            return as_published(self.stack, wi, above)
+        return respond(self.stack, wi, above, scatters)
+
+    def find(self, wi: Vector, above: bool, towards: Vector | None = None) -> Found:
+        """The lobes for light from wi.
+
+        Args:
+            wi: direction; on the side `above`.
+            above: which side.
+            towards: direction whose difference to wi decides the energies, instead of wi itself (symmetric form).
+        """
+        seen = wi if towards is None else symmetric_direction(wi, towards)
+        answer = self.answer(seen, above)
+        still = self.answer(seen, above, False) if self.forward else None
+        axis = type(wi)(wi.x, wi.y, at_least(dr.abs(wi.z), 1e-6))
+        outermost = 0 if above else len(self.stack.interfaces) - 1
+        lobes: list[Lobe] = []
+        first: Lobe | None = None
+        for k, beam in enumerate(answer.reflected):
+            unscattered = beam if still is None else still.reflected[k]
+            if beam.layer == outermost:
+                if unscattered.sharp is not True:
+                    first = _lobe(unscattered, axis, True, "reflected")
+                continue
+            lobes += _both(beam, unscattered if still is not None else None, axis, True, "reflected")
+        if answer.through is not None:
+            through = axis
+            ratio = self.stack.indices[0] / self.stack.indices[-1]
+            ratio = ratio if above else 1 / ratio
+            sin = dr.sqrt(at_least(dr.square(wi.x) + dr.square(wi.y), 1e-20))
+            tilt = at_most(ratio, 0.999999 / sin)
+            z = dr.sqrt(at_least(1 - dr.square(sin * tilt), 1e-12))
+            through = type(wi)(wi.x * tilt, wi.y * tilt, z)
+            lobes += _both(
+                answer.through, still.through if still is not None else None, through, False, "transmitted"
+            )
+        return Found(lobes, first, answer.diffuse, answer.beyond)
+
+    # --- values ----------------------------------------------------------------------------------------------------
+
+    def scale(self, wi: Vector, wo: Vector) -> Array:
+        """The factor of radiance: (n_wi / n_wo)^2 where wi and wo lie on different sides, else 1."""
+        if self.stack.opaque or not self.radiance:
+            return 1.0
+        ratio = dr.square(self.stack.indices[0] / self.stack.indices[-1])
+        return dr.select(wi.z * wo.z > 0, 1.0, dr.select(wi.z > 0, ratio, dr.rcp(ratio)))
+
+    def eval(self, wi: Vector, wo: Vector) -> Array:
+        """f |cos wo|."""
+        if self.alone:
+            return self.spectrum(direct(self.stack, wi, wo) * self.scale(wi, wo))
+        value: Array = 0 * wi.x
+        for above in self.sides:
+            near = wi.z > 0 if above else wi.z < 0
+            value = dr.select(near, self._from(wi, wo, above), value)
+        return self.spectrum(value * self.scale(wi, wo))
+
+    def _from(self, wi: Vector, wo: Vector, above: bool) -> Array:
+        """f |cos wo| for light from one side, in flux."""
+        same = wo.z > 0 if above else wo.z < 0
+        o = type(wo)(wo.x, wo.y, dr.abs(wo.z))
+        found = self.find(wi, above, wo if self.symmetric else None)
+        value: Array = 0 * wi.x
+        for lobe in found.lobes:
+            here = same if lobe.same else (wo.z < 0 if above else wo.z > 0)
+            value = value + dr.select(here, lobe.value(o, self.symmetric and lobe.same), 0)
+        if found.first is not None:
+            value = value + dr.select(same, self._first(wi, wo, o, found.first, above), 0)
+        for energy, mine in ((found.diffuse, True), (found.beyond, False)):
+            if isinstance(energy, float) and energy == 0:
+                continue
+            here = same if mine else (wo.z < 0 if above else wo.z > 0)
+            shape = self.exits[above if mine else not above]
+            if self.symmetric and mine:
+                spread = shape.reciprocal(wi, wo)
+            else:
+                spread = energy * shape.density(o)
+            value = value + dr.select(here, spread, 0)
+        return value
+
+    def _first(self, wi: Vector, wo: Vector, o: Vector, lobe: Lobe, above: bool) -> Array:
+        """The lobe of the outermost interface: its own where that has a closed form, else scaled from one scattering."""
+        interface = self.stack.interfaces[0 if above else -1]
+        w = type(wi)(wi.x, wi.y, dr.abs(wi.z))
+        if not interface.stochastic and not self.published:
+            return interface.reflect(w, o, above)[0]
+        return lobe.value(o, self.symmetric)
+
+    # --- sampling --------------------------------------------------------------------------------------------------
+
+    def mixture(self, wi: Vector) -> Mixture:
+        """What to draw directions from."""
+        still = dr.detach(wi)
+        parts: list[tuple[Array, Any]] = []
+        for above in self.sides:
+            near = wi.z > 0 if above else wi.z < 0
+            found = self.find(still, above)
+            for lobe in found.all():
+                up = above if lobe.same else not above
+                energy = dr.select(near, mean(lobe.energy), 0)
+                parts.append((dr.detach(energy), lobe.sampler(0.0, up)))
+            scattered = bool(found.all()) or not _nothing(found.diffuse)
+            for energy, up in ((found.diffuse, above), (found.beyond, not above)):
+                if (scattered or not _nothing(energy)) and up in self.sides:
+                    weight = dr.select(near, mean(energy) + FLOOR, 0)
+                    parts.append((dr.detach(weight), Exit.sampler(up)))
+        if has_delta(self.stack):
+            reflected, transmitted = smooth_energy(self.stack, wi)
+            return Mixture.build(wi, parts, reflected, transmitted, straight(self.stack, wi))
+        return Mixture.build(wi, parts, None, None, None)
+
+    def pdf(self, wi: Vector, wo: Vector) -> Array:
+        """Density of `sample`, per solid angle, without the delta parts."""
+        return self.mixture(wi).pdf(wo)
+
+    def sample(self, wi: Vector, u: Vector) -> tuple[Vector, Array, Array, Any]:
+        """(wo, density or probability, what a delta part carries in flux, mask of delta lanes)."""
+        mixture = self.mixture(wi)
+        wo, probability, carried, delta = mixture.sample(wi, u)
+        return wo, dr.select(delta, probability, mixture.pdf(wo)), carried, delta
+
+    def flux(self, wi: Vector, same: bool) -> Array:
+        """All that leaves on the side of the light, or on the other, delta parts included."""
+        value: Array = 0 * wi.x
+        for above in self.sides:
+            near = wi.z > 0 if above else wi.z < 0
+            value = dr.select(near, self.find(wi, above).energy(same), value)
+        if has_delta(self.stack):
+            value = value + smooth_energy(self.stack, wi)[0 if same else 1]
+        return self.spectrum(value + 0 * wi.x)
+
+
+def symmetric_direction(wi: Vector, wo: Vector) -> Vector:
+    """The direction from which a facet between both sees either: its cosine, in the azimuth of their difference."""
+    h = dr.normalize(wi + wo)
+    cos = at_most(dr.abs(dr.dot(h, wo)), 1)
+    x, y = wi.x - wo.x, wi.y - wo.y
+    scale = dr.sqrt(at_least(1 - dr.square(cos), 0)) * dr.rsqrt(at_least(dr.square(x) + dr.square(y), 1e-12))
+    return type(wi)(x * scale, y * scale, cos)
+
+
+def mean(value: Array) -> Array:
+    """The mean over the colour channels."""
+    return total(value) * (1 / max(channels(value), 1))
+
+
+def _nothing(value: Array) -> bool:
+    return isinstance(value, float) and value == 0
+
+
+def _lobe(beam: Beam, axis: Vector, same: bool, kind: str) -> Lobe:
+    x, y, frame = widths.axes(beam.width)
+    energy = beam.energy if beam.sharp is False else dr.select(beam.sharp, 0, beam.energy)
+    x, y = (at_least(a + 0 * axis.x, NARROWEST) for a in (x, y))
+    return Lobe(energy, axis, x, y, frame if x is not y else Frame(0.0), same, beam.layer, kind)
+
+
+def _both(beam: Beam, unscattered: Beam | None, axis: Vector, same: bool, kind: str) -> list[Lobe]:
+    """The lobe of an interface; with media that scatter forwards, what these did not touch and what they did."""
+    if unscattered is None:
+        return [] if beam.sharp is True else [_lobe(beam, axis, same, kind)]
+    lobes = [] if unscattered.sharp is True else [_lobe(unscattered, axis, same, kind)]
+    rest = beam.energy - unscattered.energy
+    a, b = mean(beam.energy), mean(unscattered.energy)
+    share = 1 / at_least(a - b, 1e-9)
+    wide = widths.plus(beam.width * (a * share), unscattered.width * (-b * share))
+    rest = dr.select(a - b > 1e-9, at_least(rest, 0), 0)
+    scattered = Beam(rest, widths.at_least_zero(wide), beam.cos, False, beam.layer)
+    return [*lobes, _lobe(scattered, axis, same, "forward")]

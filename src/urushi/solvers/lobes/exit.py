@@ -1,0 +1,91 @@
+"""How diffuse light leaves a stack: weighed, direction by direction, by what the layers above it let out.
+
+By reciprocity that is what they let in. Light from a diffuse base under a coat has the shape T(mu) mu, where T is what a
+beam that comes from there, crosses every layer down to where light becomes diffuse, and is neither reflected nor absorbed
+on the way, has left. Divided by its integral, it carries the energy that the recursion says.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import drjit as dr
+import numpy as np
+
+from ...optics.vectors import Array, Vector, at_least
+from ..facet_lobe import Lobe
+from .medium import Particles
+from .operators import GRAZING, Boundary
+
+if TYPE_CHECKING:
+    from .core import LobesCore
+
+#: nodes of the integral over the cosine
+NODES = 8
+
+
+class Exit:
+    """The shape on one side of a stack.
+
+    Args:
+        core: the stack.
+        above: which side.
+    """
+
+    def __init__(self, core: LobesCore, above: bool) -> None:
+        self.core, self.above = core, above
+        self._whole: Array | None = None
+        self._mean: Array | None = None
+
+    def density(self, o: Vector) -> Array:
+        """Per solid angle, cosine included; integrates to 1 over the side. o has z > 0."""
+        if self._whole is None:
+            self._whole = sum(w * self._passing(_direction(o, c)) for c, w in _RULE)
+        return self._passing(o) * o.z / (dr.pi * at_least(self._whole, 1e-6))
+
+    def reciprocal(self, wi: Vector, wo: Vector) -> Array:
+        """The diffuse part of f |cos o| in its symmetric form: m(wi) m(wo) / (pi mean m), m the diffuse energy."""
+        if self._mean is None:
+            self._mean = sum(w * self._energy(_direction(wi, c)) for c, w in _RULE)
+        return self._energy(wi) * self._energy(wo) * dr.abs(wo.z) / (dr.pi * at_least(self._mean, 1e-9))
+
+    def _energy(self, w: Vector) -> Array:
+        return self.core.answer(w, self.above).diffuse
+
+    @staticmethod
+    def sampler(up: bool) -> Any:
+        """To sample from: a cosine lobe."""
+        return Lobe(0.0, up)
+
+    def _passing(self, o: Vector) -> Array:
+        stack, above = self.core.stack, self.above
+        cos = at_least(o.z, GRAZING)
+        passed: Array = 1.0
+        last = len(stack.interfaces) - 1
+        for k in range(last + 1) if above else range(last, -1, -1):
+            boundary = Boundary(stack.interfaces[k], above, o)
+            if boundary.opaque:
+                break
+            passed = passed * boundary.beam(cos, None)[1]
+            cos = at_least(boundary.refracted(cos), GRAZING)
+            medium = stack.media[k + 1] if above else stack.media[k]
+            if medium is not None:
+                if medium.scatters:
+                    break
+                passed = passed * Particles(medium, False).passed(cos)[0]
+        return passed
+
+
+def _direction(like: Vector, cos: float) -> Vector:
+    """A direction of this cosine, as wide as need be and no wider; its azimuth is that of neither axis."""
+    sin = float(np.sqrt((1 - cos * cos) / 2))
+    return type(like)(sin, sin, cos)
+
+
+def _rule(count: int) -> tuple[tuple[float, float], ...]:
+    x, weight = np.polynomial.legendre.leggauss(count)
+    x, weight = 0.5 * (x + 1), 0.5 * weight
+    return tuple((float(a), float(b)) for a, b in zip(x, weight * 2 * x, strict=True))
+
+
+_RULE = _rule(NODES)
