@@ -5,10 +5,13 @@
     layer_0, ...   BSDF or medium    layers from the top down: dielectric, roughdielectric, conductor, roughconductor,
                                      diffuse, homogeneous, complete_roughconductor, complete_roughdielectric
     thickness_N    float             geometric thickness of the medium ``layer_N`` (1)
-    method         string            ``walk`` (default), or ``auto``
-    samples        int               paths per evaluation (1)
-    seed           int               another seed is another noise (0)
-    max_depth      int               most scattering events inside (-1: no limit)
+    method         string            ``walk`` (default), ``adding``, or ``auto``
+    samples        int               walk: paths per evaluation (1)
+    seed           int               walk: another seed is another noise (0)
+    max_depth      int               walk: most scattering events inside (-1: no limit)
+    accuracy       float             adding: error allowed (1e-3)
+    nodes          int               adding: nodes in each panel of directions (0: as many as that needs)
+    corners        int               adding: values that a textured parameter is solved for (5)
 
     {"type": "layered", "filename": "enamel.yaml"}
 
@@ -39,11 +42,12 @@ from urushi.io import load
 from urushi.solvers import PLANNED, SOLVERS
 from urushi.solvers.smooth import has_delta
 
+from .adding import Adding
 from .methods import Walk
 from .nested import read_children
 from .surface import Surface
 
-METHODS = {"walk": Walk}
+METHODS: dict[str, Any] = {"walk": Walk, "adding": Adding}
 
 #: what may be said besides the layers
 OPTIONS = ("filename", "method", *dict.fromkeys(o for method in METHODS.values() for o in method.OPTIONS))

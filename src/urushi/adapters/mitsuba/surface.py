@@ -67,7 +67,7 @@ class Parameter:
         self.fixed: Any = None
         kind = name.rsplit(".", 1)[-1]
         self.colour = kind in COLOURS
-        encoded = isinstance(value, Texture) and not value.raw
+        self.encoded = isinstance(value, Texture) and not value.raw
         if isinstance(value, Texture):
             self.factor = value.scale
             bitmap = {"type": "bitmap", "filename": str(value.path), "raw": bool(value.raw)}
@@ -84,7 +84,7 @@ class Parameter:
             self.fixed, self.colour = value, False
             value = self._constant_number(value)
         if kind in BOUNDED and isinstance(value, mi.Texture):
-            most = _highest(mi, value, encoded) * self.factor
+            most = _extent(mi, value, self.encoded)[1] * self.factor
             if most > 1 + 1e-4:
                 # A walk between such a base and a coat gains light at every turn and never ends.
                 raise MaterialError(f"found {most:g}; allowed: values from 0 to 1", where=name)
@@ -122,6 +122,23 @@ class Parameter:
     def source(self) -> Any:
         """What gives the value, to make another `Parameter` of."""
         return Source(self.value, self.factor, self.lowest, self.fixed) if self.textured else self.fixed
+
+    def extent(self) -> tuple[float, float]:
+        """The smallest and the largest value that a texture gives, in any channel.
+
+        Raises:
+            MaterialError: a texture that does not say.
+        """
+        low, high = (bound * self.factor for bound in _extent(self.mi, self.value, self.encoded))
+        if not high > 0:
+            raise MaterialError(
+                "found a texture whose largest value is unknown; allowed: an image, or textures made of numbers",
+                where=self.name,
+            )
+        low, high = (
+            sorted((low, high)) if self.lowest is None else (max(low, self.lowest), max(high, self.lowest))
+        )
+        return low, high
 
     def said(self) -> str:
         """The value now, in words."""
@@ -234,27 +251,27 @@ def _spectral_metals(mi: Any, stack: Stack) -> dict[str, Any]:
     return found
 
 
-def _highest(mi: Any, texture: Any, encoded: bool) -> float:
-    """The largest value of a texture, as far as it is known: of spectra their peak, of images their texels'.
+def _extent(mi: Any, texture: Any, encoded: bool) -> tuple[float, float]:
+    """The smallest and largest value of a texture, as far as known: of spectra the peak, of images the texels'.
 
     Texels of one byte are as they are in the file, sRGB-encoded perhaps.
     """
     try:
-        return float(texture.max())
+        return 0.0, float(texture.max())
     except RuntimeError:  # most textures cannot say
         pass
     if "spectral" in mi.variant():
-        return 0.0  # texels of a colour are coefficients there
-    most = 0.0
+        return 0.0, 0.0  # texels of a colour are coefficients there
+    found: list[float] = []
     for key, value in mi.traverse(texture):
         if key.endswith((".value", "data")):
             array = np.array(value)
-            peak = float(np.max(array))
-            if np.issubdtype(array.dtype, np.integer):
-                peak /= np.iinfo(array.dtype).max
-                peak = ((peak + 0.055) / 1.055) ** 2.4 if encoded else peak
-            most = max(most, peak)
-    return most
+            for peak in (float(np.min(array)), float(np.max(array))):
+                if np.issubdtype(array.dtype, np.integer):
+                    peak /= np.iinfo(array.dtype).max
+                    peak = ((peak + 0.055) / 1.055) ** 2.4 if encoded and peak > 0.04045 else peak
+                found.append(peak)
+    return (min(found), max(0.0, *found)) if found else (0.0, 0.0)
 
 
 def traversed(mi: Any, plugin: Any) -> dict[str, Any]:

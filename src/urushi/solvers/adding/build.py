@@ -44,7 +44,7 @@ def counts(stack: BoundStack, phases: list[Phase]) -> list[int]:
         for interface in stack.interfaces
         if interface.delta is False and not interface.flat
     ]
-    wanted = max([FEWEST, *(2.0 / max(a, 1e-3) for a in narrowest)])
+    wanted = max([FEWEST, *(FEWEST + 0.4 / max(a, 1e-3) for a in narrowest)])
     for phase in phases:
         mean = abs(float(phase.moments(2)[1]))
         wanted = max(wanted, 8 / max(1 - mean, 0.05))

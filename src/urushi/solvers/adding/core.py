@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 from dataclasses import dataclass
 from typing import Any
 
@@ -143,7 +144,7 @@ class AddingCore:
         double: bool,
         radiance: bool = True,
     ) -> None:
-        solution = prepared.solution
+        self.solution = solution = prepared.solution
         number = number_type(module, double)
         self.stack, self.spectrum, self.radiance = stack, spectrum, radiance
         self.colours = solution.colours
@@ -171,17 +172,36 @@ class AddingCore:
     def eval(self, wi: Vector, wo: Vector) -> Array:
         """f |cos wo| without the delta parts."""
         wi, wo = dr.detach(wi), dr.detach(wo)
-        value = self.closed.eval(wi, wo)
-        if self.table is not None:
-            value = self._colour(self.table.eval(wi, wo)) + value
-        return self._spectrum(dr.select((wi.z != 0) & (wo.z != 0), value * self.scale(wi, wo), 0))
+        value = self.tabulated(wi, wo) + self.closed.eval(wi, wo)
+        return self.finished(dr.select((wi.z != 0) & (wo.z != 0), value * self.scale(wi, wo), 0))
+
+    def tabulated(self, wi: Vector, wo: Vector) -> Array:
+        """The flux density that has no closed form."""
+        if self.table is None:
+            return 0 * wi.x
+        return self._colour(self.table.eval(wi, wo))
+
+    def at(self, stack: BoundStack) -> AddingCore:
+        """The same tables with the closed forms of another bound stack: with the values of a place, say."""
+        found = copy.copy(self)
+        found.stack, found.closed = stack, Closed(stack, self.solution)
+        return found
+
+    def delta_chances(self, wi: Vector) -> tuple[Array, Array]:
+        """Probabilities that `sample` takes the mirror direction, and Snell's."""
+        mixture = self.proposal.mixture(wi, self._delta(wi), self._faces(wi))
+        return mixture.mirror, mixture.straight
+
+    def finished(self, value: Array) -> Array:
+        """A value in the type that was asked for."""
+        return value if channels(value) else self.spectrum(value)
 
     def peak(self, wi: Vector) -> Array:
         """The largest f that the nodes around wi know, in flux (no factor of radiance)."""
         (one, two), t = self.proposal.around(dr.detach(wi))
         n = self.colours
         rows = [at_least((1 - t) * self.peaks[one * n + c], t * self.peaks[two * n + c]) for c in range(n)]
-        return self._spectrum(self._colour(rows))
+        return self.finished(self._colour(rows))
 
     def reflectance(self, wi: Vector) -> Array:
         """Flux that leaves on the side of wi, delta parts included."""
@@ -193,7 +213,7 @@ class AddingCore:
 
     def _flux(self, wi: Vector, same: bool) -> Array:
         if not self.scatters:
-            return self._spectrum(smooth_energy(self.stack, wi)[0 if same else 1])
+            return self.finished(smooth_energy(self.stack, wi)[0 if same else 1])
         place = self.stencils.place(wi)
         sums = [0 * wi.x] * self.colours
         row_of = 0 if self.stack.opaque else dr.select(wi.z > 0, 0, self.above)
@@ -204,7 +224,7 @@ class AddingCore:
             first = ((node + row_of) * 2 + dr.select(up, 0, 1)) * self.colours
             sums = [value + weight * self.totals[first + c] for c, value in enumerate(sums)]
         lit = (wi.z > 0) if self.stack.opaque else (wi.z != 0)
-        return self._spectrum(dr.select(lit, self._colour([at_least(value, 0) for value in sums]), 0))
+        return self.finished(dr.select(lit, self._colour([at_least(value, 0) for value in sums]), 0))
 
     # --- samples -----------------------------------------------------------------------------------------------
 
@@ -253,9 +273,6 @@ class AddingCore:
         if len(values) == 1:
             return values[0]
         return self.spectrum(*values)
-
-    def _spectrum(self, value: Array) -> Array:
-        return value if channels(value) else self.spectrum(value)
 
 
 def _flux(blocks: list[Block], colours: int, n_in: int) -> np.ndarray:
