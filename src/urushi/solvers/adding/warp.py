@@ -20,8 +20,10 @@ from .solution import Block
 
 #: the widths that a pair of nodes may have
 WIDTHS = 2.0 ** -np.arange(11)
-#: numbers of terms to try, in this order
-TERMS = (16, 24, 32, 48, 64, 96, 128, 192, 256)
+#: terms by which the widths are chosen, and the most that there can be
+PROBE, MOST = 32, 256
+#: orders of a plain series that need no stretching
+FEW = 16
 
 
 def azimuth(s: np.ndarray, width: np.ndarray | float) -> np.ndarray:
@@ -51,55 +53,77 @@ def fit(
     Args:
         blocks: cosine series: what each order's cos(m phi) is to be multiplied with.
         shape: (C, n_out, n_in) of the whole.
-        tolerance: error allowed, relative to the peak over phi and over all outgoing directions of an incident one.
+        tolerance: error allowed, relative to the peak over phi and over all outgoing directions of an incident one. No
+            series is asked to be better than the one it is made from, whose last eighth says how good that is.
 
     Returns:
         series: (n_out, n_in, C, K) coefficients of cos(k s).
         width: (n_out, n_in) d.
-        error: the error made, estimated from the last terms and relative as `tolerance` is.
+        error: the largest error made, relative as `tolerance` is.
     """
     colours, n_out, n_in = shape
     if not blocks:
         return np.zeros((n_out, n_in, colours, 1)), np.ones((n_out, n_in)), 0.0
-    most = max(block.orders.stop for block in blocks)
-    if most <= TERMS[0]:
-        return _transformed(blocks, shape, 1.0, most, exact=True), np.ones((n_out, n_in)), 0.0
-    for terms in TERMS:
-        series, width, left = _best(blocks, shape, terms)
-        peak = np.abs(series).sum(axis=3).max(axis=(0, 2))  # by incident direction
-        error = float((left / np.where(peak > 0, peak, 1)).max())
-        if error <= tolerance:
-            break
-        if terms >= most:
-            return _transformed(blocks, shape, 1.0, most, exact=True), np.ones((n_out, n_in)), 0.0
-    return series, width, error
+    orders = max(block.orders.stop for block in blocks)
+    if orders <= FEW:
+        plain = np.zeros((n_out, n_in, colours, orders))
+        for block in blocks:
+            plain[block.first :, block.first :, :, block.orders.start : block.orders.stop] = (
+                block.values.transpose(2, 3, 0, 1)
+            )
+        return plain, np.ones((n_out, n_in)), 0.0
+    grey = [Block(block.orders, block.first, block.values.sum(axis=0, keepdims=True)) for block in blocks]
+    width = _widths(grey, n_out, n_in)
+    long = _stretched(grey, width, 1, MOST, MOST)[:, :, 0]
+    peak = np.abs(long).sum(axis=2).max(axis=0)
+    # By incident direction: the root mean square over phi of what is lost by leaving out all from the k-th term on.
+    left = np.sqrt(np.cumsum(0.5 * long[..., ::-1] ** 2, axis=2)[..., ::-1]).max(axis=0)
+    floor = np.maximum(_last(grey, orders, n_out, n_in).max(axis=0), tolerance * peak)
+    enough = (left <= floor[:, None]).all(axis=0)
+    terms = int(np.argmax(enough)) if enough.any() else MOST
+    terms = min(-(-max(terms, 1) // 8) * 8, MOST)
+    error = float((left[:, min(terms, MOST - 1)] / np.where(peak > 0, peak, 1)).max())
+    return _stretched(blocks, width, colours, MOST, terms), width, error
 
 
-def _best(
-    blocks: Sequence[Block], shape: tuple[int, int, int], terms: int
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Series of so many terms, each pair's with the width that leaves the least, and what that leaves (n_out, n_in)."""
-    best: tuple[np.ndarray, np.ndarray, np.ndarray] | None = None
+def _widths(grey: Sequence[Block], n_out: int, n_in: int) -> np.ndarray:
+    """(n_out, n_in) the widths that leave the least after a few terms."""
+    least, chosen = np.full((n_out, n_in), np.inf), np.ones((n_out, n_in))
     for d in WIDTHS:
-        series = _transformed(blocks, shape, d, terms)
-        left = np.abs(series[..., -max(terms // 4, 2) :]).max(axis=(2, 3))
-        if best is None:
-            best = series, np.full(left.shape, d), left
-            continue
-        better = left < 0.9 * best[2]  # not for rounding errors
-        best[0][better], best[1][better], best[2][better] = series[better], d, left[better]
-    assert best is not None
-    return best
+        series = _stretched(grey, np.full((n_out, n_in), d), 1, PROBE, PROBE)[:, :, 0]
+        left = np.abs(series[..., -PROBE // 4 :]).max(axis=2)
+        better = left < 0.9 * least  # not for rounding errors
+        least[better], chosen[better] = left[better], d
+    return chosen
 
 
-def _transformed(
-    blocks: Sequence[Block], shape: tuple[int, int, int], width: float, terms: int, exact: bool = False
+def _last(grey: Sequence[Block], orders: int, n_out: int, n_in: int) -> np.ndarray:
+    """(n_out, n_in) root mean square of the last eighth of a plain series: about what is missing behind it."""
+    found = np.zeros((n_out, n_in))
+    for block in grey:
+        here = np.array(block.orders) >= orders - max(orders // 8, 2)
+        found[block.first :, block.first :] += 0.5 * (block.values[0, here] ** 2).sum(axis=0)
+    return np.sqrt(found)
+
+
+def _stretched(
+    blocks: Sequence[Block], width: np.ndarray, colours: int, points: int, terms: int
 ) -> np.ndarray:
-    """(n_out, n_in, C, K) with one width for all pairs; `exact` for the plain series with all its terms."""
-    colours, n_out, n_in = shape
-    found = np.zeros((n_out, n_in, colours, terms))
-    for block in blocks:
-        orders = np.array(block.orders)
-        change = np.eye(terms)[orders] if exact else matrix(width, orders, terms)
-        found[block.first :, block.first :] += np.einsum("cmoi,mk->oick", block.values, change, optimize=True)
+    """(n_out, n_in, C, terms) series in the stretched azimuths of these widths, from so many points."""
+    found = np.zeros((*width.shape, colours, terms))
+    for d in np.unique(width):
+        chosen = width == d
+        for block in blocks:
+            here = chosen[block.first :, block.first :]
+            if not here.any():
+                continue
+            change = matrix(float(d), np.array(block.orders), points)[:, :terms]
+            values = (
+                block.values[:, :, here]
+                if not here.all()
+                else block.values.reshape(*block.values.shape[:2], -1)
+            )
+            part = found[block.first :, block.first :]
+            for c in range(colours):
+                part[:, :, c][here] += values[c].T @ change
     return found
