@@ -79,6 +79,17 @@ def test_dielectric(indices: tuple[float, float]) -> None:
         assert np.allclose(r.albedo() + t.albedo(), 1, rtol=0, atol=1e-15)
 
 
+@pytest.mark.parametrize("indices", [(1.0, 1.5), (1.5, 1.0)], ids=str)
+def test_next_to_total_reflection(indices: tuple[float, float]) -> None:
+    """Where a millionth passes, its digits are those of the rarer side's cosine."""
+    grid = Grid.build(indices, 64)
+    (found,) = surfaces(grid)
+    rare = min(grid.mu, key=len)
+    assert rare[-1] < 1e-6
+    for part in (found.t_down, found.t_up):
+        assert np.allclose(part.delta[0], 1 - fresnel(rare, 1.5), rtol=1e-8)
+
+
 def test_conductor_and_nothing() -> None:
     grid = Grid.build([1.5], 12)
     colour = DOUBLE.vector(0.2, 1.5, 0.9), DOUBLE.vector(3.9, 0.2, 0.0)
