@@ -76,6 +76,12 @@ class Interface(ABC):
     ) -> Scatter:
         """Sample an outgoing direction; `u` are three numbers in [0, 1), the first chooses what happens."""
 
+    def certain(self, w: Vector, o: Vector, above: bool, through: bool) -> Array:
+        """The part of the flux density of transmission (`through`) or reflection that needs no random numbers."""
+        if self.stochastic:
+            return 0 * w.x
+        return self.transmit(w, o, above)[0] if through else self.reflect(w, o, above)[0]
+
     def roughness(self) -> tuple[Array, Array]:
         """Roughness along x and y of the interface's own frame."""
         return 0.0, 0.0

@@ -58,6 +58,10 @@ class Walked(Interface):
         found: tuple[Array, Array, Array] = self.once.lobe(cos, above)
         return found
 
+    def certain(self, w: Vector, o: Vector, above: bool, through: bool) -> Array:
+        """Light that meets one facet."""
+        return self.once.transmit(w, o, above)[0] if through else self.once.reflect(w, o, above)[0]
+
     def roughness(self) -> tuple[Array, Array]:
         found: tuple[Array, Array] = self.once.roughness()
         return found
@@ -86,7 +90,7 @@ class WalkedConductor(Walked):
         self, w: Vector, o: Vector, above: bool, part: Part = "both", rng: Generator | None = None
     ) -> tuple[Array, Array]:
         assert rng is not None
-        value, _ = self.once.reflect(w, o, above)
+        value = self.certain(w, o, above, False)
         w, o = self.frame.enter(w), self.frame.enter(o)
         lit = self._rough(at_most(w.z, o.z) > HORIZON)
         surface = self.surface
@@ -138,6 +142,15 @@ class WalkedDielectric(Walked):
         once, index, known = BoundDielectric.bind(given)
         return (once if once.delta is True else cls(once)), index, known  # type: ignore[arg-type]
 
+    def certain(self, w: Vector, o: Vector, above: bool, through: bool) -> Array:
+        if not through:
+            return super().certain(w, o, above, through)
+        value, _ = self.once.transmit(w, o, above)
+        # Refracted once, light is at one height for both sides: what is seen of it there is no product of chances.
+        w, o = self.frame.enter(w), self.frame.enter(o)
+        a, b = (self.surface.masking(type(o)(v.x, v.y, at_least(z, 0))) for v, z in ((w, w.z), (o, -o.z)))
+        return value * (seen_through(a, b) * (1 + a + b))
+
     def _facet(self, above: bool) -> Pane:
         return self.facet_above if above else self.facet_below
 
@@ -151,7 +164,7 @@ class WalkedDielectric(Walked):
         self, w: Vector, o: Vector, above: bool, part: Part = "both", rng: Generator | None = None
     ) -> tuple[Array, Array]:
         assert rng is not None
-        value, _ = self.once.reflect(w, o, above)
+        value = self.certain(w, o, above, False)
         w, o, facet = self.frame.enter(w), self.frame.enter(o), self._facet(above)
         lit = self._rough(at_most(w.z, o.z) > HORIZON)
         value = value + self._more(w, o, facet, lit, rng)
@@ -161,12 +174,9 @@ class WalkedDielectric(Walked):
         self, w: Vector, o: Vector, above: bool, part: Part = "both", rng: Generator | None = None
     ) -> tuple[Array, Array]:
         assert rng is not None
-        value, _ = self.once.transmit(w, o, above)
+        value = self.certain(w, o, above, True)
         w, o, facet = self.frame.enter(w), self.frame.enter(o), self._facet(above)
         lit = self._rough(at_most(w.z, -o.z) > HORIZON)
-        # Refracted once, light is at one height for both sides: what is seen of it there is no product of chances.
-        a, b = (self.surface.masking(type(o)(v.x, v.y, at_least(z, 0))) for v, z in ((w, w.z), (o, -o.z)))
-        value = value * (seen_through(a, b) * (1 + a + b))
         value = value + self._more(w, o, facet, lit, rng)
         return value, dr.select(lit, panes(self.surface, facet, w, o, part), 0)
 

@@ -115,7 +115,8 @@ def fan(
         w *= panel.high * np.sin(2 * psi)
         weight.append(w if same else w * panel.index**2 * own / (index**2 * mu))
         starts.append(starts[-1] + len(own))
-    return Fan(*(np.concatenate(parts) for parts in (sin, cos, weight, coordinate)), np.asarray(starts))
+    joined = [np.concatenate(parts) for parts in (sin, cos, weight, coordinate)]
+    return Fan(joined[0], joined[1], joined[2], joined[3], np.asarray(starts))
 
 
 @dataclass(frozen=True)

@@ -53,19 +53,21 @@ def scales(matrix: np.ndarray, sums: np.ndarray) -> np.ndarray:
     Raises:
         UrushiError: the nodes are too few for the sums to come near.
     """
+    n = np.arange(sums.shape[1])
     d = np.ones(sums.shape)
+    missing = np.ones(1)
     for _ in range(30):
         received = np.einsum("co,coi->ci", d, matrix)
         missing = sums - received * d
         if np.abs(missing).max() < 1e-13:
             break
         slope = np.swapaxes(matrix, 1, 2) * d[:, :, None]
-        n = np.arange(d.shape[1])
         slope[:, n, n] += received
         d = d + np.linalg.solve(slope, missing[..., None])[..., 0]
     if not (np.abs(missing).max() < 1e-9 and d.min() > 0.5 and d.max() < 2):
+        short = np.abs(sums - matrix.sum(1)).max()
         raise UrushiError(
-            f"interface: its matrices on {d.shape[1]} nodes miss {np.abs(sums - matrix.sum(1)).max():.2g} of the light; "
+            f"interface: its matrices on {len(n)} nodes miss {short:.2g} of the light; "
             "allowed: nodes close enough together that a factor between 0.5 and 2 puts that right"
         )
     return d

@@ -22,11 +22,13 @@ import drjit as dr
 import numpy as np
 
 from ...interfaces import Interface
+from ...optics.random import generator
 from .angles import Fan, Ring, fan, gauss, ring
 from .basis import Grid
 
 #: values of the interface computed at a time
 LANES = 1 << 21
+SEED = 20_160_711
 #: the narrowest lobe that gets panels of its own, in radians
 NARROWEST = 1e-5
 
@@ -40,6 +42,8 @@ class Side:
         grid: the nodes.
         source, target: the regions that light comes from and goes to.
         above: whether it comes from above.
+        draws: 0 for what needs no random numbers; or how many estimates to average of all the rest, which a
+            stochastic interface sends in wide lobes.
     """
 
     interface: Interface
@@ -47,6 +51,7 @@ class Side:
     source: int
     target: int
     above: bool
+    draws: int = 0
 
     @property
     def reflects(self) -> bool:
@@ -61,7 +66,7 @@ class Side:
     def alpha(self) -> float:
         """Roughness; 1 for what has none but is no smooth interface either."""
         alpha = max(_number(a) for a in self.interface.roughness())
-        return alpha if alpha > 0 else 1.0
+        return alpha if alpha > 0 and self.draws == 0 else 1.0
 
     def azimuth(self, node: int) -> float:
         """Width of the lobe about the direction of the smooth interface, in azimuth.
@@ -233,6 +238,8 @@ class Pairs:
     def _kinks(self, side: Side) -> np.ndarray:
         """(P,) azimuth at which a facet begins to reflect all, or can no longer refract; 0 where there is none."""
         eta = side.ratio
+        if side.draws:
+            return np.zeros(len(self.sin_i))
         across = np.maximum(self.sin_i * self.sin_o, 1e-30)
         along = self.cos_i * self.cos_o
         if side.reflects:
@@ -254,9 +261,17 @@ class Pairs:
         sin, cos = dr.sincos(Float64(np.ascontiguousarray(phi).ravel()))
         w = Array3f64(-sin_i, 0.0, cos_i)
         o = Array3f64(sin_o * cos, sin_o * sin, cos_o if side.reflects else -cos_o)
-        ask = side.interface.reflect if side.reflects else side.interface.transmit
-        value, _ = ask(w, o, side.above, "reflect" if side.reflects else "transmit")
-        found = np.array(value)
+        through = not side.reflects
+        certain = side.interface.certain(w, o, side.above, through)
+        if side.draws == 0:
+            found = np.array(certain)
+        else:
+            ask = side.interface.transmit if through else side.interface.reflect
+            found = np.zeros(())
+            for draw in range(side.draws):
+                rng = generator(w, [sin_i, sin_o, cos_o, sin], UInt32(SEED), dr.opaque(UInt32, draw))
+                value, _ = ask(w, o, side.above, rng=rng)
+                found = found + np.array(value - certain) / side.draws
         if found.ndim == 1:
             found = found[None]
         return np.broadcast_to(found, (len(found), shape[0] * shape[1])).reshape(-1, *shape).copy()

@@ -7,16 +7,16 @@ the model says that nothing is lost.
 
 from __future__ import annotations
 
-import copy
 from typing import Any
 
-import drjit as dr
 import numpy as np
 
 from ...adding import Slab
 from ...interfaces import Interface
-from ...optics.fresnel import fresnel_conductor
-from .balance import all_reciprocal, reciprocal, scales
+from ...interfaces.compensated import Compensated
+from ...interfaces.walked import Walked
+from . import wide
+from .balance import all_reciprocal, scales
 from .basis import Grid
 from .columns import Side, columns
 from .operator import Operator
@@ -60,19 +60,27 @@ class RoughLayer:
         )
         # (1 + x) exp(-x), the height of order x / width of a lobe of GGX, is below the tolerance from here on.
         self._reach = np.log(1 / tolerance) + np.log(1 + 1.3 * np.log(1 / tolerance))
-        if not self._turns(interface):
-            self.orders = 1
-        else:
-            self.orders = int(min(np.ceil(self._reach / self._widths.min()), MOST_ORDERS))
-        whole, sums = self._whole()
+        self.orders = int(min(np.ceil(self._reach / self._widths.min()), MOST_ORDERS))
+        self._wide: Slab | None = None
+        if interface.stochastic:
+            self.orders = max(self.orders, wide.ORDERS)
+            self._wide = _four({name: wide.wide(side) for name, side in self.sides.items()})
+        elif interface.flat:
+            self.orders = 1  # Lambert's base knows no azimuth
+        zero = self._raw(range(1), 0)
+        sums = np.concatenate(
+            [zero.r_top.sum(2) + zero.t_down.sum(2), zero.r_bottom.sum(2) + zero.t_up.sum(2)], axis=2
+        )[:, 0]
+        if lossless(interface):
+            sums = np.ones_like(sums)
+        # Kept, since only to the last digit of these matrices does the balance hold.
+        self._zero = self._exact(zero, 0)
+        whole = np.block([[self._zero.r_top, self._zero.t_up], [self._zero.t_down, self._zero.r_bottom]])[
+            :, 0
+        ]
         self.scale = scales(whole, sums)
         weight = np.concatenate([grid.etendue[: self.above], grid.etendue[: self.below]])
         self.error = float((np.abs(whole.sum(1) - sums) @ weight).max() / weight.sum())
-
-    @staticmethod
-    def _turns(interface: Interface) -> bool:
-        """Whether what it scatters depends on the azimuth: Lambert's base does not."""
-        return not (interface.flat and not interface.stochastic)
 
     def first(self, orders: range) -> int:
         """The nodes before this one have nothing of these orders."""
@@ -82,33 +90,22 @@ class RoughLayer:
         return int(lit[0]) if len(lit) else self.above
 
     def _raw(self, orders: range, first: int) -> Slab:
-        found: dict[str, Any] = {
-            name: columns(side, orders, self.points, first) for name, side in self.sides.items()
-        }
-        shape = found["r_top"].shape
-        if len(found) == 1:
-            down, up = shape[:2] + (0, shape[3]), shape[:2] + (shape[2], 0)
-            found |= {
-                "t_down": np.zeros(down),
-                "t_up": np.zeros(up),
-                "r_bottom": np.zeros((*shape[:2], 0, 0)),
-            }
-        return Slab(**found)
+        """The four matrices as columns give them."""
+        found = _four({k: columns(side, orders, self.points, first) for k, side in self.sides.items()})
+        if self._wide is None or orders.start >= wide.ORDERS:
+            return found
+        both = []
+        for sharp, more in zip(found, self._wide, strict=True):
+            part = more[:, orders.start : orders.stop, first:, first:]
+            colours = max(len(sharp), len(part))
+            total = np.array(np.broadcast_to(sharp, (colours, *sharp.shape[1:])))
+            total[:, : part.shape[1]] += part
+            both.append(total)
+        return Slab(*both)
 
     def _exact(self, raw: Slab, first: int) -> Slab:
         w = self.grid.etendue
         return all_reciprocal(raw, w[first : self.above], w[first : self.below])
-
-    def _whole(self) -> tuple[np.ndarray, np.ndarray]:
-        """(C, n, n) order 0 of all sides together, and what its columns should add up to."""
-        raw = self._raw(range(1), 0)
-        sums = np.concatenate(
-            [(raw.r_top.sum(2) + raw.t_down.sum(2))[:, 0], (raw.r_bottom.sum(2) + raw.t_up.sum(2))[:, 0]],
-            axis=1,
-        )
-        slab = self._exact(raw, 0)
-        rows = [[slab.r_top, slab.t_up], [slab.t_down, slab.r_bottom]]
-        return np.block(rows)[:, 0], sums
 
     def slab(self, orders: range, first: int = 0) -> Slab:
         """The four operators between the nodes from `first` on, for some orders."""
@@ -118,6 +115,9 @@ class RoughLayer:
         if len(orders) == 0 or n_above <= 0:
             return Slab(*(Operator(shape) for shape in shapes))
         slab = self._exact(self._raw(orders, first), first)
+        if orders.start == 0:
+            for matrix, kept in zip(slab, self._zero, strict=True):
+                matrix[:, 0] = kept[:, 0, first:, first:]
         above = self.scale[:, None, first : self.above]
         below = self.scale[:, None, self.above + first :]
         factors = ((above, above), (below, above), (below, below), (above, below))
@@ -129,3 +129,24 @@ class RoughLayer:
                 for shape, matrix, (out, into) in zip(shapes, slab, factors, strict=True)
             )
         )
+
+
+def _four(found: dict[str, Any]) -> Slab:
+    """All four matrices, empty ones below an opaque interface."""
+    if len(found) == 1:
+        c, m, _, n = found["r_top"].shape
+        found["t_down"] = np.zeros((c, m, 0, n))
+        found |= {"r_bottom": np.zeros((c, m, 0, 0)), "t_up": np.zeros((c, m, n, 0))}
+    return Slab(**found)
+
+
+def lossless(interface: Interface) -> bool:
+    """Whether the model says that all light leaves again: nothing is lost between facets, and none absorbs."""
+    if isinstance(interface, Compensated):
+        single = interface.single
+    elif isinstance(interface, Walked):
+        single = interface.once
+    else:
+        return False
+    # A conductor of index 0 - i k is the ideal mirror.
+    return not interface.opaque or not np.any(np.array(single.eta))
