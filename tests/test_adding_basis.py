@@ -23,7 +23,7 @@ def test_one_set_of_nodes_for_all_media(indices: tuple[float, ...]) -> None:
         # Snell: node j here is node j there; what is not here is beyond total reflection.
         assert np.allclose(index * np.sqrt(1 - mu**2), grid.s[:n], rtol=1e-12, atol=1e-7)
         assert np.all(grid.s[n:] >= index) and np.all(grid.s[:n] < index * (1 + 1e-9))
-        assert np.allclose(index**2 * mu * weights, grid.etendue[:n], rtol=1e-14)
+        assert np.allclose(index**2 * mu * weights, grid.etendue[:n], rtol=1e-14, atol=1e-14)
 
 
 def test_panels_end_at_every_index() -> None:
@@ -110,7 +110,7 @@ def test_a_node_is_itself() -> None:
         matrix = np.zeros((len(mu), len(mu)))
         np.add.at(matrix, (np.arange(len(mu))[:, None], stencil.node), stencil.even)
         assert np.allclose(matrix, np.eye(len(mu)), atol=1e-6)
-        assert np.allclose(stencil.even.sum(axis=1), 1, rtol=1e-10)
+        assert np.allclose(stencil.even.sum(axis=1), 1, rtol=1e-10, atol=1e-14)
     with pytest.raises(UrushiError, match="allowed: 0 to 1"):
         grid.stencil(0, np.array([0.5, 1.1]))
 
@@ -132,11 +132,11 @@ def test_basis_functions(odd: bool) -> None:
         sin_own = np.sqrt((1 - own) * (1 + own)) if odd else 1
         assert np.allclose(values @ (np.exp(own) * sin_own), np.exp(mu) * sin, atol=1e-9)
         if not odd:
-            assert np.allclose(values.sum(axis=1), 1, rtol=1e-12)
+            assert np.allclose(values.sum(axis=1), 1, rtol=1e-12, atol=1e-14)
 
 
 def test_hundreds_of_nodes() -> None:
     grid = Grid.build([1.0], 600)
     assert grid.weights[0].sum() == pytest.approx(1, rel=1e-12)
     values = grid.functions(grid.panels[0], np.linspace(0.01, 1, 50))
-    assert np.allclose(values @ grid.mu[0], np.linspace(0.01, 1, 50), rtol=1e-10)
+    assert np.allclose(values @ grid.mu[0], np.linspace(0.01, 1, 50), rtol=1e-10, atol=1e-14)

@@ -32,8 +32,8 @@ def test_stokes_pile_of_lossless_plates(m: int) -> None:
     """Stokes 1862: R = 2 m r / (1 + (2 m - 1) r), T = (1 - r) / (1 + (2 m - 1) r)."""
     r = REFLECTANCES
     found = pile(plate(r, 1.0), m)
-    assert np.allclose(found.r_top, 2 * m * r / (1 + (2 * m - 1) * r), rtol=1e-12)
-    assert np.allclose(found.t_down, (1 - r) / (1 + (2 * m - 1) * r), rtol=1e-11)
+    assert np.allclose(found.r_top, 2 * m * r / (1 + (2 * m - 1) * r), rtol=1e-11, atol=1e-14)
+    assert np.allclose(found.t_down, (1 - r) / (1 + (2 * m - 1) * r), rtol=1e-10, atol=1e-14)
 
 
 @pytest.mark.parametrize("m", [1, 2, 5, 16, 33])
@@ -43,12 +43,14 @@ def test_stokes_pile_of_absorbing_plates(m: int) -> None:
     series = 1 / (1 - r**2 * inside**2)
     r1, t1 = r + r * inside**2 * (1 - r) ** 2 * series, inside * (1 - r) ** 2 * series
     one = plate(r, inside)
-    assert np.allclose(one.r_top, r1, rtol=1e-14) and np.allclose(one.t_up, t1, rtol=1e-14)
+    assert np.allclose(one.r_top, r1, rtol=1e-14, atol=1e-14) and np.allclose(
+        one.t_up, t1, rtol=1e-14, atol=1e-14
+    )
     a = np.arccosh((1 + r1**2 - t1**2) / (2 * r1))
     b = np.arccosh((1 - r1**2 + t1**2) / (2 * t1))
     for found in (pile(one, m), pile(symmetric(r1, t1), m)):
-        assert np.allclose(found.r_top, np.sinh(m * b) / np.sinh(a + m * b), rtol=1e-10)
-        assert np.allclose(found.t_down, np.sinh(a) / np.sinh(a + m * b), rtol=1e-10)
+        assert np.allclose(found.r_top, np.sinh(m * b) / np.sinh(a + m * b), rtol=1e-10, atol=1e-14)
+        assert np.allclose(found.t_down, np.sinh(a) / np.sinh(a + m * b), rtol=1e-10, atol=1e-14)
 
 
 def kubelka_munk(k: float, s: float, d: Any) -> Slab:
@@ -67,14 +69,16 @@ def test_kubelka_munk(k: float, s: float) -> None:
         add(kubelka_munk(k, s, 0.3 * d), kubelka_munk(k, s, 0.7 * d)),
         pile(kubelka_munk(k, s, d / 5), 5),
     ):
-        assert np.allclose(layers, np.array(whole), rtol=1e-12)
+        assert np.allclose(layers, np.array(whole), rtol=1e-12, atol=1e-14)
     thin = symmetric(s * d * 2.0**-30, 1 - (k + s) * d * 2.0**-30)  # where R and T are K and S by definition
-    assert np.allclose(double(thin, 30), np.array(whole), rtol=1e-6)
+    assert np.allclose(double(thin, 30), np.array(whole), rtol=1e-6, atol=1e-14)
     a = 1 + k / s
     b = np.sqrt(a**2 - 1)
     coth = 1 / np.tanh(b * s * d)
     over_base = add(whole, Slab(base, 0.0, 0.0, 0.0))
-    assert np.allclose(over_base.r_top, (1 - base * (a - b * coth)) / (a - base + b * coth), rtol=1e-12)
+    assert np.allclose(
+        over_base.r_top, (1 - base * (a - b * coth)) / (a - base + b * coth), rtol=1e-12, atol=1e-14
+    )
     assert np.all(over_base.t_down == 0) and np.all(over_base.r_bottom == 0)
 
 
@@ -82,7 +86,7 @@ def test_lossless_kubelka_munk() -> None:
     """R = S d / (1 + S d), however many layers it is cut into."""
     sd = np.array([1e-3, 1.0, 1e4])
     found = pile(symmetric(sd / 100 / (1 + sd / 100), 1 / (1 + sd / 100)), 100)
-    assert np.allclose(found.r_top, sd / (1 + sd), rtol=1e-12) and np.allclose(
+    assert np.allclose(found.r_top, sd / (1 + sd), rtol=1e-12, atol=1e-14) and np.allclose(
         found.t_up, 1 / (1 + sd), rtol=1e-10
     )
 
@@ -117,7 +121,7 @@ def by_bounces(upper: Slab, lower: Slab, bounces: int = 400) -> Slab:
 def test_matrices_against_the_sum_of_bounces(rng: np.random.Generator) -> None:
     upper, lower = random_slab(rng, 4, 6), random_slab(rng, 6, 5)
     for found, truth in zip(add(upper, lower, MATRICES), by_bounces(upper, lower), strict=True):
-        assert found.shape == truth.shape and np.allclose(found, truth, rtol=1e-12)
+        assert found.shape == truth.shape and np.allclose(found, truth, rtol=1e-12, atol=1e-14)
 
 
 @pytest.mark.parametrize("algebra", [NUMBERS, MATRICES, OPERATORS], ids=["numbers", "matrices", "operators"])
@@ -132,7 +136,7 @@ def test_the_order_of_joining_does_not_matter(algebra: Algebra, rng: np.random.G
     first = add(add(a, b, algebra), c, algebra)
     second = add(a, add(b, c, algebra), algebra)
     for one, other in zip(first, second, strict=True):
-        assert np.allclose(plain(one), plain(other), rtol=1e-12)
+        assert np.allclose(plain(one), plain(other), rtol=1e-12, atol=1e-14)
 
 
 @pytest.mark.parametrize("count", [1, 2, 3, 11, 16])
@@ -159,7 +163,7 @@ def test_half_the_work_for_layers_that_are_their_own_mirror_image(rng: np.random
     assert short.symmetric and len(bounces) == 4
     long = pile(copies, 7, counting)
     assert len(bounces) == 4 + 8
-    assert np.allclose(short, np.array(long), rtol=1e-12)
+    assert np.allclose(short, np.array(long), rtol=1e-12, atol=1e-14)
 
 
 def test_no_layers() -> None:
@@ -193,13 +197,13 @@ def test_operators_are_matrices_with_a_diagonal(rng: np.random.Generator) -> Non
         found = add(upper, lower, OPERATORS)
         truth = add(Slab(*(plain(x) for x in upper)), Slab(*(plain(x) for x in lower)), MATRICES)
         for one, other in zip(found, truth, strict=True):
-            assert np.allclose(plain(one), other, rtol=1e-12)
+            assert np.allclose(plain(one), other, rtol=1e-12, atol=1e-14)
         # The diagonal is that of the diagonals alone, and adds up like numbers.
         bare = add(
             *(Slab(*(Operator(x.shape, x.delta) for x in slab)) for slab in (upper, lower)), algebra=OPERATORS
         )
         for one, other in zip(found, bare, strict=True):
-            assert other.dense is None and np.allclose(one.delta, other.delta, rtol=1e-14)
+            assert other.dense is None and np.allclose(one.delta, other.delta, rtol=1e-14, atol=1e-14)
 
 
 def test_smooth_layers_stay_diagonal_and_add_up_like_numbers() -> None:
@@ -207,7 +211,7 @@ def test_smooth_layers_stay_diagonal_and_add_up_like_numbers() -> None:
     smooth = symmetric(Operator((3, 3), r), Operator((3, 3), 1 - r))
     found = pile(smooth, 6, OPERATORS)
     assert all(x.dense is None for x in found)
-    assert np.allclose(found.r_top.delta, 6 * r / (1 + 5 * r), rtol=1e-13)
+    assert np.allclose(found.r_top.delta, 6 * r / (1 + 5 * r), rtol=1e-13, atol=1e-14)
 
 
 def test_nothing_below_and_nothing_between(rng: np.random.Generator) -> None:
