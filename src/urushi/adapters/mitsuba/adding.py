@@ -15,6 +15,7 @@ import drjit as dr
 import numpy as np
 
 from urushi.errors import MaterialError, UnsupportedStack
+from urushi.optics.vectors import channels, total
 from urushi.solvers import SOLVERS
 from urushi.solvers.adding import reasons_against
 from urushi.solvers.adding.build import bind_numbers
@@ -29,7 +30,9 @@ from .methods import is_radiance, whole
 from .surface import Surface
 
 #: solutions that are kept, and corners that one material may have
-KEPT, MOST_CORNERS = 64, 81
+KEPT, MOST_CORNERS = 256, 81
+#: wavelengths of spectral variants, a multiple of 3
+WAVELENGTHS = 18
 
 _solved: OrderedDict[tuple[Any, ...], Prepared] = OrderedDict()
 
@@ -59,33 +62,49 @@ class Adding:
 
     def _solve(self) -> None:
         mi = self.mi
-        if "spectral" in mi.variant():
-            raise UnsupportedStack(
-                "adding",
-                ["spectral variants of Mitsuba are not there yet: use an RGB or a monochrome one"],
-                ["walk"],
-            )
         self.samples = self._samples()
-        values = self.surface.at(dr.zeros(mi.SurfaceInteraction3f), True)
-        given = {
-            name: _plain(value)
-            for name, value in values.items()
-            if name not in self.samples and name != "exterior"
-        }
-        module = importlib.import_module(mi.Float.__module__ if mi.Float is not float else "drjit.scalar")
-        double = "double" in mi.variant()
+        self.channels = _wavelengths(mi) if "spectral" in mi.variant() and self.surface.coloured else None
+        fixed, values = self.surface.fixed(), self._values()
+        bound = bind(self.stack, self.surface.at(dr.zeros(mi.SurfaceInteraction3f), True), fixed)
+        module = importlib.import_module("drjit.scalar" if mi.Float is float else mi.Float.__module__)
         coloured = self.surface.coloured and "mono" not in mi.variant()
         spectrum = mi.UnpolarizedSpectrum if coloured else mi.Float
         self._cores: dict[bool, list[AddingCore]] = {True: [], False: []}
         for corner in itertools.product(*self.samples.values()):
-            stack = replaced(self.stack, given | dict(zip(self.samples, corner, strict=True)))
-            reasons = reasons_against(stack)
-            if reasons:
-                raise UnsupportedStack("adding", reasons, [name for name in SOLVERS if name != "adding"])
-            prepared = self._prepared(stack)
-            bound = bind(self.stack, values, self.surface.fixed())
-            for radiance, cores in self._cores.items():
-                cores.append(AddingCore(prepared, bound, spectrum, module, double, radiance))
+            given = dict(zip(self.samples, corner, strict=True))
+            for some in values:
+                stack = replaced(self.stack, some | given)
+                reasons = reasons_against(stack)
+                if reasons:
+                    raise UnsupportedStack("adding", reasons, [name for name in SOLVERS if name != "adding"])
+                prepared = self._prepared(stack)
+                for radiance, cores in self._cores.items():
+                    cores.append(
+                        AddingCore(prepared, bound, spectrum, module, "double" in mi.variant(), radiance)
+                    )
+
+    def _values(self) -> list[dict[str, Any]]:
+        """The constant parameters: of all channels, or of three wavelengths after another."""
+        mi = self.mi
+        si = dr.zeros(mi.SurfaceInteraction3f)
+        names = [name for name in self.surface.parameters if name not in self.samples]
+        if self.channels is None:
+            here = self.surface.at(si, True)
+            return [{name: _plain(here[name]) for name in names}]
+        found: dict[str, list[float]] = {name: [] for name in names}
+        wavelength = type(si.wavelengths)
+        size = dr.size_v(wavelength)
+        for start in range(0, len(self.channels), size):
+            some = np.resize(self.channels[start : start + size], size)
+            si.wavelengths = wavelength(*map(float, some))
+            here = self.surface.at(si, True)
+            for name in names:
+                value = _plain(here[name])
+                found[name] += value if isinstance(value, tuple) else [value] * size
+        return [
+            {name: tuple(all_[k : k + 3]) if len(set(all_)) > 1 else all_[0] for name, all_ in found.items()}
+            for k in range(0, len(self.channels), 3)
+        ]
 
     def _prepared(self, stack: Stack) -> Prepared:
         key = repr(stack.replace({"name": "", "description": ""})), self.accuracy, self.nodes
@@ -132,13 +151,32 @@ class Adding:
 
     def at(self, ctx: Any, si: Any, active: Any) -> Any:
         values = self.surface.at(si, active)
-        bound = bind(self.stack, values, self.surface.fixed())
         cores = self._cores[is_radiance(self.mi, ctx)]
-        weights: list[Any] = [1.0]
+        shares: list[Any] = [1.0]
         for name, samples in self.samples.items():
             each = hats(values[name], samples) if len(samples) > 1 else [1.0]
-            weights = [w * h for w in weights for h in each]
-        return Corners(cores, bound, weights)
+            shares = [w * h for w in shares for h in each]
+        weights, chances = [], []
+        if self.channels is None:
+            for core, share in zip(cores, shares, strict=True):
+                weights.append(self._unit(core, share))
+                chances.append(_mean(share))
+        else:
+            spectra = [
+                hats(si.wavelengths, self.channels)[k : k + 3] for k in range(0, len(self.channels), 3)
+            ]
+            for core, (share, spectrum) in zip(cores, itertools.product(shares, spectra), strict=True):
+                own = [share * self.mi.UnpolarizedSpectrum(hat) for hat in spectrum]
+                weights.append(own if core.colours == 3 else [own[0] + own[1] + own[2]])
+                chances.append(_mean(own[0] + own[1] + own[2]))
+        return Corners(cores, bind(self.stack, values, self.surface.fixed()), weights, chances)
+
+    def _unit(self, core: AddingCore, share: Any) -> list[Any]:
+        """Each channel of a core goes to the same channel of the result."""
+        if core.colours == 1:
+            return [share]
+        colour = self.mi.UnpolarizedSpectrum
+        return [share * colour(*(float(k == c) for k in range(3))) for c in range(3)]
 
     def said(self) -> dict[str, Any]:
         nodes = len(self._cores[True][0].solution.grid.s)
@@ -148,6 +186,15 @@ class Adding:
     def changed(self) -> None:
         """Another material: solved anew, unless it was before."""
         self._solve()
+
+
+def _wavelengths(mi: Any) -> list[float]:
+    """What a spectral variant is solved for: three at a time, 28 nm apart."""
+    return np.linspace(float(mi.MI_CIE_MIN), float(mi.MI_CIE_MAX), WAVELENGTHS).tolist()
+
+
+def _mean(value: Any) -> Any:
+    return total(value) * (1 / max(channels(value), 1))
 
 
 def _plain(value: Any) -> Any:

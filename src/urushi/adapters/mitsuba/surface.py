@@ -84,7 +84,7 @@ class Parameter:
             self.fixed, self.colour = value, False
             value = self._constant_number(value)
         if kind in BOUNDED and isinstance(value, mi.Texture):
-            most = _extent(mi, value, self.encoded)[1] * self.factor
+            most = _extent(mi, value, self.encoded, self.colour)[1] * self.factor
             if most > 1 + 1e-4:
                 # A walk between such a base and a coat gains light at every turn and never ends.
                 raise MaterialError(f"found {most:g}; allowed: values from 0 to 1", where=name)
@@ -129,7 +129,9 @@ class Parameter:
         Raises:
             MaterialError: a texture that does not say.
         """
-        low, high = (bound * self.factor for bound in _extent(self.mi, self.value, self.encoded))
+        spectrum = "spectral" in self.mi.variant() and self.name.rsplit(".", 1)[-1] in BOUNDED
+        low, high = (0.0, 1.0) if spectrum else _extent(self.mi, self.value, self.encoded, self.colour)
+        low, high = low * self.factor, high * self.factor
         if not high > 0:
             raise MaterialError(
                 "found a texture whose largest value is unknown; allowed: an image, or textures made of numbers",
@@ -251,7 +253,7 @@ def _spectral_metals(mi: Any, stack: Stack) -> dict[str, Any]:
     return found
 
 
-def _extent(mi: Any, texture: Any, encoded: bool) -> tuple[float, float]:
+def _extent(mi: Any, texture: Any, encoded: bool, colour: bool) -> tuple[float, float]:
     """The smallest and largest value of a texture, as far as known: of spectra the peak, of images the texels'.
 
     Texels of one byte are as they are in the file, sRGB-encoded perhaps.
@@ -260,7 +262,7 @@ def _extent(mi: Any, texture: Any, encoded: bool) -> tuple[float, float]:
         return 0.0, float(texture.max())
     except RuntimeError:  # most textures cannot say
         pass
-    if "spectral" in mi.variant():
+    if "spectral" in mi.variant() and colour:
         return 0.0, 0.0  # texels of a colour are coefficients there
     found: list[float] = []
     for key, value in mi.traverse(texture):

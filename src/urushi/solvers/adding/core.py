@@ -172,14 +172,12 @@ class AddingCore:
     def eval(self, wi: Vector, wo: Vector) -> Array:
         """f |cos wo| without the delta parts."""
         wi, wo = dr.detach(wi), dr.detach(wo)
-        value = self.tabulated(wi, wo) + self.closed.eval(wi, wo)
+        value = self._colour(self.tabulated(wi, wo)) + self.closed.eval(wi, wo)
         return self.finished(dr.select((wi.z != 0) & (wo.z != 0), value * self.scale(wi, wo), 0))
 
-    def tabulated(self, wi: Vector, wo: Vector) -> Array:
-        """The flux density that has no closed form."""
-        if self.table is None:
-            return 0 * wi.x
-        return self._colour(self.table.eval(wi, wo))
+    def tabulated(self, wi: Vector, wo: Vector) -> list[Array]:
+        """The flux density of each channel that has no closed form."""
+        return [0 * wi.x] * self.colours if self.table is None else self.table.eval(wi, wo)
 
     def at(self, stack: BoundStack) -> AddingCore:
         """The same tables with the closed forms of another bound stack: with the values of a place, say."""
@@ -205,15 +203,19 @@ class AddingCore:
 
     def reflectance(self, wi: Vector) -> Array:
         """Flux that leaves on the side of wi, delta parts included."""
-        return self._flux(dr.detach(wi), True)
+        return self.finished(self._flux(dr.detach(wi), True))
 
     def transmittance(self, wi: Vector) -> Array:
         """Flux that leaves on the other side (no factor of radiance), delta parts included."""
-        return self._flux(dr.detach(wi), False)
+        return self.finished(self._flux(dr.detach(wi), False))
 
     def _flux(self, wi: Vector, same: bool) -> Array:
         if not self.scatters:
-            return self.finished(smooth_energy(self.stack, wi)[0 if same else 1])
+            return smooth_energy(self.stack, wi)[0 if same else 1]
+        return self._colour(self.fluxes(wi, same))
+
+    def fluxes(self, wi: Vector, same: bool) -> list[Array]:
+        """What leaves on the side of wi, or on the other one, in each channel; where anything is scattered at all."""
         place = self.stencils.place(wi)
         sums = [0 * wi.x] * self.colours
         row_of = 0 if self.stack.opaque else dr.select(wi.z > 0, 0, self.above)
@@ -224,7 +226,7 @@ class AddingCore:
             first = ((node + row_of) * 2 + dr.select(up, 0, 1)) * self.colours
             sums = [value + weight * self.totals[first + c] for c, value in enumerate(sums)]
         lit = (wi.z > 0) if self.stack.opaque else (wi.z != 0)
-        return self.finished(dr.select(lit, self._colour([at_least(value, 0) for value in sums]), 0))
+        return [dr.select(lit, at_least(value, 0), 0) for value in sums]
 
     # --- samples -----------------------------------------------------------------------------------------------
 

@@ -2,8 +2,8 @@
 
 A solution is for one value of every parameter. Where one comes from a texture the stack is solved for some values over
 its range, and the tables are interpolated by hats in between (Jakob et al. 2014, section 6); what has a closed form is
-evaluated with the very values of the place. Two textures make a grid of corners. Scattering is linear in the
-tables, so the same weights, averaged over the colours, mix the densities of sampling.
+evaluated with the very values of the place. Two textures make a grid of corners. Wavelengths
+are such a parameter, too: a spectral renderer asks for other ones at every place.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ from typing import Any
 
 import drjit as dr
 
-from ...optics.vectors import Array, Vector, at_least, at_most, channels, total
+from ...optics.vectors import Array, Vector, at_least, at_most, channels
 from ..bound import BoundStack
 from .core import AddingCore
 
@@ -45,29 +45,41 @@ class Corners:
     Args:
         cores: one for each corner; all of the same stack but for the values.
         stack: the stack with the values of the place.
-        weights: one for each corner, numbers or colours; they sum to 1.
+        weights: for each core, what each of its channels counts for: numbers, or values in all channels of the result.
+        chances: the part of the samples that each core draws; they sum to 1.
     """
 
-    def __init__(self, cores: Sequence[AddingCore], stack: BoundStack, weights: Sequence[Array]) -> None:
+    def __init__(
+        self,
+        cores: Sequence[AddingCore],
+        stack: BoundStack,
+        weights: Sequence[Sequence[Array]],
+        chances: Sequence[Array],
+    ) -> None:
         self.cores = [core.at(stack) for core in cores]
-        self.stack, self.weights = stack, list(weights)
-        self.chances = [total(w) * (1 / max(channels(w), 1)) for w in weights]
+        self.stack, self.weights, self.chances = stack, weights, chances
         self.scale = self.cores[0].scale
 
     def eval(self, wi: Vector, wo: Vector) -> Array:
         """f |cos wo| without the delta parts."""
         first = self.cores[0]
         value = first.closed.eval(wi, wo)
-        for core, weight in zip(self.cores, self.weights, strict=True):
-            value = value + weight * core.tabulated(wi, wo)
-        return first.finished(value * first.scale(wi, wo))
+        value = value + self._mixed([core.tabulated(wi, wo) for core in self.cores])
+        return first.finished(dr.select((wi.z != 0) & (wo.z != 0), value * first.scale(wi, wo), 0))
 
     def albedo(self, wi: Vector) -> Array:
         """Directional-hemispherical reflectance, interpolated between the corners."""
-        value: Array = 0 * wi.x
-        for core, weight in zip(self.cores, self.weights, strict=True):
-            value = value + weight * core.reflectance(wi)
-        return self.cores[0].finished(value)
+        first = self.cores[0]
+        if not first.scatters:
+            return first.reflectance(wi)
+        return first.finished(self._mixed([core.fluxes(wi, True) for core in self.cores]))
+
+    def _mixed(self, values: Sequence[Sequence[Array]]) -> Array:
+        value: Array = 0.0
+        for weights, channels_ in zip(self.weights, values, strict=True):
+            for weight, one in zip(weights, channels_, strict=True):
+                value = value + weight * one
+        return value
 
     def pdf(self, wi: Vector, wo: Vector) -> Array:
         """Density of `sample`, per solid angle, without the delta parts."""
