@@ -221,6 +221,37 @@ def centres() -> dict[str, np.ndarray]:
     return {name: table[..., None] for name, table in found.items()}
 
 
+def anisotropic() -> np.ndarray:
+    """(ROUGHNESSES, ROUGHNESSES, COSINES, AZIMUTHS, 1): what perfect mirrors of GGX facets reflect by one scattering.
+
+    The axes are both roughnesses, the root of the cosine, and the squared sine of the azimuth from x.
+    """
+    import drjit as dr
+    from drjit.llvm.ad import Array3f64, Float64
+
+    from urushi.optics.microfacet import Microfacets
+    from urushi.optics.vectors import reflect
+    from urushi.solvers.lobes import axes
+
+    alphas = np.maximum(axes.squares(axes.ROUGHNESSES), 1e-4)
+    cos, turn = axes.cosines(2.0), np.linspace(0, 1, axes.AZIMUTHS)
+    u1, u2 = lattice(2584)
+    found = np.zeros((len(alphas), len(alphas), len(cos), len(turn)))
+    c, s2 = (x.ravel() for x in np.meshgrid(cos, turn, indexing="ij"))
+    sin = np.sqrt((1 - c) * (1 + c))
+    grid = [np.repeat(x, len(u1)) for x in (sin * np.sqrt(1 - s2), sin * np.sqrt(s2), c)]
+    w = Array3f64(*grid)
+    first, second = (Float64(np.tile(u, len(c))) for u in (u1, u2))
+    for i, x in enumerate(alphas):
+        for j, y in enumerate(alphas):
+            facets = Microfacets(Float64(x), Float64(y), "ggx", "correlated")
+            o = reflect(w, facets.sample(w, first, second))
+            kept = facets.masked(w, Array3f64(o.x, o.y, dr.abs(o.z)), facets.sigma(w))
+            kept = np.array(dr.select(o.z > 0, kept, 0)).reshape(-1, len(u1)).mean(axis=1)
+            found[i, j] = kept.reshape(len(cos), len(turn))
+    return found[..., None]
+
+
 #: cosines at which the reflectance of a metal is asked for
 NODES = 5
 
@@ -327,7 +358,8 @@ def main() -> None:
     OUT.mkdir(exist_ok=True)
     low = {name: fixed_point(table) for name, table in slabs().items()}
     np.savez_compressed(OUT / "slabs.npz", **low)
-    np.savez_compressed(OUT / "lobes.npz", **{name: fixed_point(table) for name, table in centres().items()})
+    low = centres() | {"anisotropic": anisotropic()}
+    np.savez_compressed(OUT / "lobes.npz", **{name: fixed_point(table) for name, table in low.items()})
     for distribution in ("ggx", "beckmann"):
         for masking in ("correlated", "separable"):
             tables = [*dielectric((distribution, masking)), *metal((distribution, masking))]

@@ -18,6 +18,8 @@ from ...optics.vectors import Array, at_least, at_most, root
 INDICES, ROUGHNESSES, WIDTHS, COSINES = 15, 10, 9, 17
 #: nodes along the mean cosine of a lobe
 MEANS = 33
+#: nodes along the azimuth, in its squared sine
+AZIMUTHS = 7
 #: the largest ratio of two indices, and the nearest to 1 that is told from it
 LARGEST, SMALLEST = 5.0, 1.004
 #: (n - 1) / (n + 1) of the largest ratio

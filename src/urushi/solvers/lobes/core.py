@@ -7,7 +7,6 @@ from typing import Any
 
 import drjit as dr
 
-from ...interfaces.base import Frame
 from ...optics.vectors import Array, Vector, at_least, at_most, channels, total
 from ..bound import BoundStack
 from ..direct import direct, direct_is_certain
@@ -238,8 +237,9 @@ def _nothing(value: Array) -> bool:
 def _lobe(beam: Beam, axis: Vector, same: bool, kind: str) -> Lobe:
     x, y, frame = widths.axes(beam.width)
     energy = beam.energy if beam.sharp is False else dr.select(beam.sharp, 0, beam.energy)
-    x, y = (at_least(a + 0 * axis.x, NARROWEST) for a in (x, y))
-    return Lobe(energy, axis, x, y, frame if x is not y else Frame(0.0), same, beam.layer, kind)
+    wide_x = at_least(x + 0 * axis.x, NARROWEST)
+    wide_y = wide_x if x is y else at_least(y + 0 * axis.x, NARROWEST)
+    return Lobe(energy, axis, wide_x, wide_y, frame, same, beam.layer, kind)
 
 
 def _both(beam: Beam, unscattered: Beam | None, axis: Vector, same: bool, kind: str) -> list[Lobe]:

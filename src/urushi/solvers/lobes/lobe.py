@@ -17,7 +17,6 @@ from ...optics.microfacet import Microfacets
 from ...optics.vectors import Array, Vector, at_least, at_most, halfway, mirror
 from ..facet_lobe import Lobe as Sampler
 from . import tables
-from .operators import shown
 
 #: narrower than this a lobe cannot be told from a direction in single precision
 NARROWEST = 1e-4
@@ -60,7 +59,9 @@ class Lobe:
         return self.energy * (single + lost * o.z)
 
     def _albedo(self, w: Vector) -> Array:
-        return tables.albedo(at_most(w.z, 1), shown(self.alpha_x, self.alpha_y, w), w.z)
+        if self.alpha_x is self.alpha_y:
+            return tables.albedo(at_most(w.z, 1), self.alpha_x, w.z)
+        return tables.albedo_towards(w, self.alpha_x, self.alpha_y)
 
     def sampler(self, share: Array, up: bool) -> Any:
         """The same lobe to sample from, on the upper or the lower side."""

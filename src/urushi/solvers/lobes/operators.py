@@ -46,6 +46,7 @@ class Boundary:
         facets = getattr(self.inner, "facets", None)
         self.smooth = facets is None
         self.eta = self.inner.ratio(above)
+        self.isotropic = True
         if facets is None:
             self.alpha: Array = 0.0
             self.reflected: Width = 0.0
@@ -133,6 +134,16 @@ class Boundary:
         if self.delta is not False and width is None:
             r, t = dr.select(self.delta, fresnel, r), dr.select(self.delta, 1 - fresnel, t)
         return r, t
+
+    def _anisotropic(self, cos: Array) -> Array:
+        """What facets that are not alike in all directions reflect of what such that are would."""
+        w = self.frame.enter(self.wi)
+        x, y = dr.square(w.x), dr.square(w.y)
+        scale = dr.sqrt(at_least(1 - dr.square(cos), 0)) * dr.rsqrt(at_least(x + y, 1e-12))
+        seen = type(w)(w.x * scale, w.y * scale, cos)
+        return tables.albedo_towards(seen, *self._widths) / at_least(
+            tables.albedo(cos, self.alpha, cos), 1e-3
+        )
 
     def complete(self, cos: Array, alpha: Array) -> Array:
         """Reflectance of the interface were it as rough as `alpha`, for one direction, nothing lost among its facets."""

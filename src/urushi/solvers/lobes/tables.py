@@ -13,6 +13,7 @@ separate table of total reflection is for.
     metal           roughness, width, cosine -> weights w_j: the reflectance is sum w_j F(c_j), whatever Fresnel's F is
     metal diffuse   likewise for even light
     escaping        index ratio, width, cosine -> how much of a lobe in the denser medium is not totally reflected
+    anisotropic     roughness along x, along y, cosine, squared sine of the azimuth -> what perfect mirrors reflect
     centre          width, mean cosine -> centre of a lobe, as all others take it; `mean` is the inverse
 
 All are for one scattering at the facets; `complete` adds what facets send to one another.
@@ -27,7 +28,7 @@ import drjit as dr
 import numpy as np
 
 from ...optics.fresnel import fresnel_conductor
-from ...optics.vectors import Array, at_least, at_most
+from ...optics.vectors import Array, Vector, at_least, at_most
 from . import axes
 from .grid import Grid
 
@@ -162,6 +163,18 @@ def albedo(cos: Array | None, alpha: Array, like: Array) -> Array:
         places: list[Array | int] = [axes.along_square(alpha), 0, dr.sqrt(at_least(cos, 1e-8))]
         weights = _grid(("ggx", "correlated"), "metal")(places, like)
     return sum(weights[1:], weights[0])
+
+
+def albedo_towards(w: Vector, alpha_x: Array, alpha_y: Array) -> Array:
+    """The same of facets that are not alike in all directions, in their frame, from the direction w with z > 0."""
+    x, y = dr.square(w.x), dr.square(w.y)
+    places = [
+        axes.along_square(alpha_x + 0 * w.z),
+        axes.along_square(alpha_y + 0 * w.z),
+        dr.sqrt(at_most(at_least(w.z, 1e-8), 1)),
+        y / at_least(x + y, 1e-12),
+    ]
+    return _grid(("lobes",), "anisotropic")(places, w.z)[0]
 
 
 def _metal(
