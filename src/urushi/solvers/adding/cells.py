@@ -78,7 +78,7 @@ class Cells:
             f = Reflectance(series.values[k], series.width[k], *angles, index, extra, (from_above, to_above))
             best: np.ndarray | None = None
             chosen = series.width[k].copy()
-            for d in (series.width[k], *(warp.WIDTHS[1:8] if extra is not None else ())):
+            for d in (series.width[k], *(warp.WIDTHS[1:6] if extra is not None else ())):
                 found, top, low = f.bins(d)
                 share = found / np.maximum(found.sum(axis=2, keepdims=True), 1e-300)
                 uneven = (share**2).sum(axis=2)

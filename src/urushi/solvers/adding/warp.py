@@ -13,6 +13,7 @@ d = 1 is the plain series.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import lru_cache
 
 import numpy as np
 
@@ -36,12 +37,13 @@ def slope(s: np.ndarray, width: np.ndarray | float) -> np.ndarray:
     return width / (np.cos(0.5 * s) ** 2 + (width * np.sin(0.5 * s)) ** 2)
 
 
-def matrix(width: float, orders: np.ndarray, terms: int) -> np.ndarray:
+@lru_cache(maxsize=64)
+def matrix(width: float, orders: range, terms: int) -> np.ndarray:
     """(len(orders), terms): cos(m phi) as series in cos(k s), by interpolation in the `terms` Chebyshev points."""
     s = np.pi * (np.arange(terms) + 0.5) / terms
     project = np.cos(s[:, None] * np.arange(terms)) * (2 / terms)
     project[:, 0] *= 0.5
-    found: np.ndarray = np.cos(orders[:, None] * azimuth(s, width)) @ project
+    found: np.ndarray = np.cos(np.array(orders)[:, None] * azimuth(s, width)) @ project
     return found
 
 
@@ -74,16 +76,17 @@ def fit(
         return plain, np.ones((n_out, n_in)), 0.0
     grey = [Block(block.orders, block.first, block.values.sum(axis=0, keepdims=True)) for block in blocks]
     width = _widths(grey, n_out, n_in)
-    long = _stretched(grey, width, 1, MOST, MOST)[:, :, 0]
+    most = min(max(4 * orders, 2 * PROBE), MOST)
+    long = _stretched(grey, width, 1, most, most)[:, :, 0]
     peak = np.abs(long).sum(axis=2).max(axis=0)
     # By incident direction: the root mean square over phi of what is lost by leaving out all from the k-th term on.
     left = np.sqrt(np.cumsum(0.5 * long[..., ::-1] ** 2, axis=2)[..., ::-1]).max(axis=0)
     floor = np.maximum(_last(grey, orders, n_out, n_in).max(axis=0), tolerance * peak)
     enough = (left <= floor[:, None]).all(axis=0)
-    terms = int(np.argmax(enough)) if enough.any() else MOST
-    terms = min(-(-max(terms, 1) // 8) * 8, MOST)
-    error = float((left[:, min(terms, MOST - 1)] / np.where(peak > 0, peak, 1)).max())
-    return _stretched(blocks, width, colours, MOST, terms), width, error
+    terms = int(np.argmax(enough)) if enough.any() else most
+    terms = min(-(-max(terms, 1) // 8) * 8, most)
+    error = float((left[:, min(terms, most - 1)] / np.where(peak > 0, peak, 1)).max())
+    return _stretched(blocks, width, colours, most, terms), width, error
 
 
 def _widths(grey: Sequence[Block], n_out: int, n_in: int) -> np.ndarray:
@@ -117,7 +120,7 @@ def _stretched(
             here = chosen[block.first :, block.first :]
             if not here.any():
                 continue
-            change = matrix(float(d), np.array(block.orders), points)[:, :terms]
+            change = matrix(float(d), block.orders, points)[:, :terms]
             values = (
                 block.values[:, :, here]
                 if not here.all()
