@@ -24,8 +24,8 @@ from .stencil import Lookup, Stencils, away_and_toward
 
 #: nodes that a direction is interpolated from, in each polar angle
 ORDER = 6
-#: error of the azimuthal series, relative to the peak of each incident direction
-TOLERANCE = 1e-5
+#: error of the azimuthal series, relative to the error of the solution: where that is not known, and its range
+SHARE, UNKNOWN, LEAST, MOST = 0.03, 1e-5, 1e-6, 1e-3
 
 
 class Series:
@@ -40,7 +40,9 @@ class Series:
 
     def __init__(self, solution: Solution) -> None:
         self.parts = [key for key in SIDES if key in solution.parts]
-        fitted = [_fitted(solution, solution.parts[key]) for key in self.parts]
+        error = solution.diagnostics.get("estimated_error")
+        tolerance = UNKNOWN if error is None else min(max(SHARE * error, LEAST), MOST)
+        fitted = [_fitted(solution, solution.parts[key], tolerance) for key in self.parts]
         self.terms = max(found[0].shape[-1] for found in fitted)
         self.values = [np.pad(v, ((0, 0),) * 3 + ((0, self.terms - v.shape[-1]),)) for v, _, _ in fitted]
         self.width = [width for _, width, _ in fitted]
@@ -139,7 +141,7 @@ class Table:
         return value if isinstance(like, bool) else dr.uint32_array_t(type(like))(value)
 
 
-def _fitted(solution: Solution, part: Part) -> tuple[np.ndarray, np.ndarray, float]:
+def _fitted(solution: Solution, part: Part, tolerance: float) -> tuple[np.ndarray, np.ndarray, float]:
     grid = solution.grid
     region_i, region_o = (0 if part.from_above else -1), (0 if part.to_above else -1)
     mu_i, mu_o = grid.mu[region_i], grid.mu[region_o]
@@ -155,4 +157,4 @@ def _fitted(solution: Solution, part: Part) -> tuple[np.ndarray, np.ndarray, flo
         )
         for block in part.blocks
     ]
-    return warp.fit(blocks, (solution.colours, len(mu_o), len(mu_i)), TOLERANCE)
+    return warp.fit(blocks, (solution.colours, len(mu_o), len(mu_i)), tolerance)
