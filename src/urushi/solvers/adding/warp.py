@@ -23,6 +23,8 @@ from .solution import Block
 WIDTHS = 2.0 ** -np.arange(11)
 #: terms by which the widths are chosen, and the most that there can be
 PROBE, MOST = 32, 256
+#: azimuths at which the terms tried must agree with the plain series
+BETWEEN = np.array([0.02, 0.07, 0.2, 0.5, 1.0, 1.6, 2.2, 2.7, np.pi])
 #: orders of a plain series that need no stretching
 FEW = 16
 
@@ -92,9 +94,16 @@ def fit(
 def _widths(grey: Sequence[Block], n_out: int, n_in: int) -> np.ndarray:
     """(n_out, n_in) the widths that leave the least after a few terms."""
     least, chosen = np.full((n_out, n_in), np.inf), np.ones((n_out, n_in))
+    there = np.zeros((n_out, n_in, len(BETWEEN)))
+    for block in grey:
+        waves = np.cos(np.array(block.orders)[:, None] * BETWEEN)
+        there[block.first :, block.first :] += np.einsum("moi,mp->oip", block.values[0], waves, optimize=True)
     for d in WIDTHS:
         series = _stretched(grey, np.full((n_out, n_in), d), 1, PROBE, PROBE)[:, :, 0]
-        left = np.abs(series[..., -PROBE // 4 :]).max(axis=2)
+        # The points of a narrow width all lie near 0, and what is elsewhere leaves no trace in the last terms.
+        s = 2 * np.arctan2(np.sin(0.5 * BETWEEN), d * np.cos(0.5 * BETWEEN))
+        off = np.abs(series @ np.cos(np.arange(PROBE)[:, None] * s) - there).max(axis=2)
+        left = np.maximum(np.abs(series[..., -PROBE // 4 :]).max(axis=2), off)
         better = left < 0.9 * least  # not for rounding errors
         least[better], chosen[better] = left[better], d
     return chosen
