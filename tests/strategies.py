@@ -86,6 +86,8 @@ def layers(draw: st.DrawFn, kind: str, textured: bool = False) -> Description:
     if "thickness" in given and not isinstance(given["thickness"], ur.Texture):
         # Times the largest sigma_t, this is the deepest depth allowed.
         given["thickness"] = min(given["thickness"], 1e-3)
+    if given.get("multiple_scattering") == "walk" and "masking" in given:
+        given["masking"] = "correlated"
     return piece(**given)
 
 

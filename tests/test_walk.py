@@ -273,7 +273,7 @@ def test_wrong_numbers_of_rows_and_random_numbers() -> None:
         solve(PANE, 1).eval(WI, WO, with_error=True)
 
 
-@pytest.mark.parametrize("field", [{"multiple_scattering": "compensated"}, {"normal": (0.0, 0.1, 1.0)}])
+@pytest.mark.parametrize("field", [{"normal": (0.0, 0.1, 1.0)}])
 def test_what_the_walk_cannot_do_it_says(field: dict[str, Any]) -> None:
     stack = ur.Stack(layers=[ur.Dielectric(ior=1.5, alpha=0.1, **field), ur.Diffuse(reflectance=0.5)])
     for method in ("walk", "auto"):

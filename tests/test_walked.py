@@ -184,7 +184,7 @@ def test_the_density_is_the_same_function_everywhere(rng: np.random.Generator) -
     w = hemisphere(rng, n, 0.05)
     one, u = DOUBLE.vectors(w), numbers(DOUBLE, rng, n)
     for interface in (glass(DOUBLE, 1.5, 0.3, 0.5, rotation=20), metal(DOUBLE, 0.3, 0.5, rotation=20)):
-        for above, part in itertools.product((True, False), ("both", "reflect", "transmit")):
+        for above, part in ((True, "both"), (True, "reflect"), (False, "transmit")):
             event = interface.sample(one, u, above, part, streams(one, 3))
             alive = back(event.weight) > 0
             if interface.opaque and not above:
