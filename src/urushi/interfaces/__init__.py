@@ -26,7 +26,7 @@ from __future__ import annotations
 from typing import Any
 
 from .base import Interface, Scatter
-from .compensated import CompensatedConductor
+from .compensated import CompensatedConductor, CompensatedDielectric
 from .conductor import BoundConductor
 from .dielectric import BoundDielectric
 from .diffuse import BoundDiffuse
@@ -42,6 +42,7 @@ INTERFACES: dict[tuple[str, Any], Any] = {
     ("dielectric", "walk"): WalkedDielectric,
     ("conductor", "walk"): WalkedConductor,
     ("diffuse", "walk"): RoughDiffuse,
+    ("dielectric", "compensated"): CompensatedDielectric,
     ("conductor", "compensated"): CompensatedConductor,
 }
 
@@ -57,6 +58,7 @@ __all__ = [
     "BoundDielectric",
     "BoundDiffuse",
     "CompensatedConductor",
+    "CompensatedDielectric",
     "Interface",
     "Null",
     "RoughDiffuse",

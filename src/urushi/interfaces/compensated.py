@@ -19,7 +19,7 @@ import drjit as dr
 
 from ..optics.fresnel import fresnel_conductor
 from ..optics.random import Generator
-from ..optics.vectors import Array, Vector, at_least, at_most, cosine_hemisphere, mirror
+from ..optics.vectors import Array, Vector, at_least, at_most, cosine_hemisphere, mirror, negate, peak
 from .base import HORIZON, Interface, Part, Scatter
 from .conductor import BoundConductor
 from .dielectric import BoundDielectric
@@ -118,7 +118,9 @@ class Compensated(Interface):
         value = dr.select(wide, single[0], event.weight * event.pdf)
         pdf = dr.select(wide, single[1], event.pdf)
         value, pdf = self._complete((value, pdf), lost, w, o, above, part, through)
-        weight = value / at_least(pdf, 1e-30)
+        # A facet that sends light where it cannot go has no direction that the lobe could take over.
+        void = negate(wide) & (peak(event.weight) <= 0)
+        weight = dr.select(void, 0, value / at_least(pdf, 1e-30))
         if self.delta is not False:
             weight = dr.select(self.delta, event.weight, weight)
         return Scatter(o, weight, pdf, through)

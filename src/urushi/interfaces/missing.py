@@ -9,7 +9,7 @@ import drjit as dr
 
 from ..optics.microfacet import Microfacets
 from ..optics.vectors import Array, Vector, at_least, at_most, float_type
-from .tables import Table, of_cosine, of_index, of_ratio, of_roughness, table
+from .tables import MOST_RATIO, Table, of_cosine, of_index, of_ratio, of_roughness, table
 
 
 class Missing:
@@ -30,12 +30,13 @@ class Missing:
         self.model += "_correlated" if facets.correlated else "_separable"
         self.kind = ("" if even else "brushed_") + ("metal" if eta is None else "glass")
         x, y = facets.alpha_x, facets.alpha_y
-        self.larger = number(x) if even else number(at_least(x, y))
-        self.alpha = self.larger if even else number(dr.sqrt(x * y))
+        self.larger = self.alpha = number(x) if even else number(at_least(x, y))
         self.index = None if self.eta is None else of_index(self.eta)
         self.place: list[Array] = [of_roughness(self.larger)]
         if not even:
-            self.place.append(of_ratio(number(x), number(y)))
+            ratio = of_ratio(number(x), number(y))
+            self.place.append(ratio)
+            self.alpha = self.larger * dr.exp(-0.5 * math.log(MOST_RATIO) * ratio)
             self.wide = x >= y
         self.table: Table = table(self.kind, self.model, number)
 

@@ -29,11 +29,13 @@ from ..optics.vectors import Array, at_least, at_most
 
 DATA = Path(__file__).parent / "data"
 #: nodes of the tables of isotropic surfaces
-COSINES, ROUGHNESSES, INDICES = 64, 32, 65
+COSINES, ROUGHNESSES, INDICES = 64, 32, 97
 #: nodes of those of anisotropic ones
 COARSE_COSINES, COARSE_ROUGHNESSES, COARSE_INDICES, RATIOS, AZIMUTHS = 20, 12, 25, 7, 13
 #: and those of how what is lost is shared; indices from 1 on
 SHARE_INDICES, SHARE_ROUGHNESSES = 17, 12
+#: what the square root of 1 is in a file, by the type of its integers
+LEVELS = {"uint16": 4095, "uint8": 255}
 #: largest index ratio, and largest ratio of roughnesses
 MOST_INDEX, MOST_RATIO = 5.0, 16.0
 #: share of the cosines' axis for those below the roughness
@@ -63,7 +65,7 @@ def of_index(eta: Array) -> Array:
 
 def of_ratio(alpha_x: Array, alpha_y: Array) -> Array:
     ratio = at_least(alpha_x, alpha_y) / at_most(alpha_x, alpha_y)
-    return dr.log(at_most(ratio, MOST_RATIO)) * (1 / math.log(MOST_RATIO))
+    return at_most(dr.log(ratio) * (1 / math.log(MOST_RATIO)), 1)
 
 
 def cosines(alpha: float, n: int) -> NDArray[np.float64]:
@@ -103,8 +105,38 @@ def energies(kind: str, model: str) -> NDArray[np.float64]:
     """
     with np.load(DATA / f"{kind}.npz") as file:
         steps = file[model]
-    roots = np.cumsum(steps, axis=-1, dtype=steps.dtype) / np.iinfo(steps.dtype).max
+    roots = np.cumsum(steps, axis=-1, dtype=steps.dtype) / LEVELS[steps.dtype.name]
     return np.asarray(roots, np.float64) ** 2
+
+
+def refined(kind: str, model: str) -> NDArray[np.float64]:
+    """`energies`, the coarse ones with nodes in between by cubic interpolation: it costs memory, and no time later."""
+    table = energies(kind, model)
+    if kind == "brushed_metal":
+        for axis, even in ((-1, False), (-2, True), (-3, False), (-4, False)):
+            table = _doubled(table, axis, even)
+    elif kind == "brushed_glass":
+        table = _doubled(table, -2, True)
+        # Equal indices are no smooth limit: each side by itself.
+        half = len(table) // 2
+        low, middle, high = table[:half], table[half : half + 1], table[half + 1 :]
+        near = 0.5 * (low[-1:] + middle), 0.5 * (middle + high[:1])
+        table = np.concatenate([_doubled(low, 0), near[0], middle, near[1], _doubled(high, 0)])
+    return np.clip(table, 0, 1)
+
+
+def _doubled(table: NDArray[np.float64], axis: int, even: bool = False) -> NDArray[np.float64]:
+    """With a node between each two; beyond the ends lies a mirror image (`even`) or a parabola."""
+    table = np.moveaxis(table, axis, 0)
+    before, after = table[1:2], table[-2:-1]
+    if not even:
+        before = 3 * (table[:1] - table[1:2]) + table[2:3]
+        after = 3 * (table[-1:] - table[-2:-1]) + table[-3:-2]
+    wide = np.concatenate([before, table, after])
+    out = np.empty((2 * len(table) - 1, *table.shape[1:]))
+    out[::2] = table
+    out[1::2] = (9 * (wide[1:-2] + wide[2:-1]) - wide[:-3] - wide[3:]) / 16
+    return np.moveaxis(out, 0, axis)
 
 
 def shares(model: str) -> NDArray[np.float64]:
@@ -119,12 +151,12 @@ FINER = 4
 
 @functools.cache
 def means(kind: str, model: str) -> NDArray[np.float64]:
-    """Means over the hemisphere, by cosine, of what is interpolated in `energies`, over the squared roughness.
+    """Means over the hemisphere, by cosine, of what is interpolated in `refined`, over the squared roughness.
 
     The roughness (the larger one) is `FINER`: between its nodes the cosines of the nodes change. All axes but azimuth
     and cosine remain.
     """
-    table = energies(kind, model)
+    table = refined(kind, model)
     brushed = kind.startswith("brushed")
     if brushed:
         turn = np.full(table.shape[-2], 1.0)
@@ -137,7 +169,7 @@ def means(kind: str, model: str) -> NDArray[np.float64]:
     table = _between(table, middle, -1)
     table = _between(table, np.arange(FINER * (table.shape[-3] - 1) + 1) / FINER, -3)
     alpha = roughnesses(table.shape[-3])
-    spread = ratios(RATIOS) if brushed else np.ones(1)
+    spread = ratios(table.shape[-2]) if brushed else np.ones(1)
     edges = [[cosines(a / math.sqrt(r), len(middle) + 1) for r in spread] for a in alpha]
     weights = np.diff(np.square(edges), axis=-1) / np.square(alpha)[:, None, None]
     mean = np.einsum("...arc,arc->...ar", table, weights)
@@ -202,14 +234,14 @@ def _cell(place: Array, n: int) -> tuple[Array, Array]:
 
 @functools.cache
 def table(kind: str, model: str, number: Any) -> Table:
-    """A table for numbers of one type: of `energies`, of "mean_" + kind, or "shares"."""
+    """A table for numbers of one type: of `refined`, of "mean_" + kind, or "shares"."""
     if kind == "shares":
         nodes = shares(model)
     elif kind.startswith("mean_"):
         nodes = means(kind.removeprefix("mean_"), model)
         nodes = nodes[None].repeat(2, 0) if nodes.ndim == 1 else nodes
     else:
-        nodes = energies(kind, model)
+        nodes = refined(kind, model)
     corners = [nodes[..., i : i - 1 or None, j : j - 1 or None] for i in (0, 1) for j in (0, 1)]
     packets = np.stack(corners, axis=-1).ravel()
     if number is float:

@@ -28,10 +28,6 @@ def reasons_against(stack: Stack) -> list[str]:
     """What of this stack the walk cannot do; empty if it can."""
     reasons = []
     for i, layer in enumerate(stack.layers):
-        if getattr(layer, "multiple_scattering", False) == "compensated":
-            reasons.append(
-                f"layers[{i}].multiple_scattering is 'compensated', which is not there yet: use 'walk' or False"
-            )
         if getattr(layer, "normal", None) is not None:
             reasons.append(
                 f"layers[{i}].normal is given, and shading normals of single interfaces are not there yet"
