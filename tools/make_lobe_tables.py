@@ -19,7 +19,7 @@ from urushi.llvm import ensure
 
 OUT = Path(__file__).parents[1] / "src" / "urushi" / "solvers" / "lobes" / "data"
 #: cosines of the fine tables that lobes are averaged over
-FINE = 65
+FINE = 97
 #: samples of one lobe
 SAMPLES = 4181
 
@@ -355,6 +355,8 @@ def fixed_point(table: np.ndarray) -> np.ndarray:
 def main() -> None:
     """Compute and write every table."""
     ensure()
+    from urushi.solvers.lobes import tables
+
     OUT.mkdir(exist_ok=True)
     low = {name: fixed_point(table) for name, table in slabs().items()}
     np.savez_compressed(OUT / "slabs.npz", **low)
@@ -362,11 +364,12 @@ def main() -> None:
     np.savez_compressed(OUT / "lobes.npz", **{name: fixed_point(table) for name, table in low.items()})
     for distribution in ("ggx", "beckmann"):
         for masking in ("correlated", "separable"):
-            tables = [*dielectric((distribution, masking)), *metal((distribution, masking))]
+            made = [*dielectric((distribution, masking)), *metal((distribution, masking))]
             names = ("dielectric", "dielectric_again", "dielectric_diffuse", "metal", "metal_diffuse")
-            low = {name: fixed_point(table) for name, table in zip(names, tables, strict=True)}
-            if (distribution, masking) != ("ggx", "correlated"):
+            low = {name: fixed_point(table) for name, table in zip(names, made, strict=True)}
+            if (distribution, masking) != tables.COMMON:
                 del low["dielectric_again"]
+                low["dielectric"], low["metal"] = low["dielectric"][:, :, :, :1], low["metal"][:, :1]
             path = OUT / f"{distribution}_{masking}.npz"
             np.savez_compressed(path, **low)
             print(path.name, path.stat().st_size)

@@ -15,7 +15,7 @@ import numpy as np
 from ...optics.vectors import Array, at_least, at_most, root
 
 #: nodes along index, roughness, width of the incident light, cosine
-INDICES, ROUGHNESSES, WIDTHS, COSINES = 15, 10, 9, 17
+INDICES, ROUGHNESSES, WIDTHS, COSINES = 15, 13, 9, 33
 #: nodes along the mean cosine of a lobe
 MEANS = 33
 #: nodes along the azimuth, in its squared sine

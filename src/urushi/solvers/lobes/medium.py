@@ -42,8 +42,7 @@ class Particles:
         g = getattr(medium.phase, "g", 0.0)
         self.g = g
         self.forward = dr.select(g > 0, dr.square(g), 0.0)
-        kept = at_least(g, 1e-3)
-        self.spread = dr.power((1 - kept) / kept, 0.8) / (1 + kept)
+        self.spread = forward_width(g)
 
     def passed(self, cos: Array) -> tuple[Array, Array]:
         """What stays a beam under the cosine, and the width that this adds in the mean."""
@@ -104,6 +103,12 @@ class Particles:
             places.append(dr.sqrt(at_most(at_least(cos, 1e-8), 1)))
         r, t = _grid(name)(places, like)
         return r, t
+
+
+def forward_width(g: Array) -> Array:
+    """The width of the forward lobe of a Henyey-Greenstein function of mean cosine g > 0."""
+    kept = at_least(g, 1e-3)
+    return dr.power((1 - kept) / kept, 0.8) / (1 + kept)
 
 
 @cache

@@ -34,6 +34,8 @@ from .grid import Grid
 
 #: steps of the fixed-point numbers in the files
 STEP = 2.0**-14
+#: the distribution and masking whose tables know lobes; those of the others are for one direction
+COMMON = ("ggx", "correlated")
 #: cosines at which the reflectance of a metal is asked for; the first is 0, where it is 1
 METAL = tuple(float((0.5 - 0.5 * np.cos(np.pi * j / 4)) ** 2) for j in range(5))
 
@@ -43,6 +45,11 @@ def _grid(kind: tuple[str, ...], name: str) -> Grid:
     with np.load(Path(__file__).parent / "data" / f"{'_'.join(kind)}.npz") as file:
         first, last = {"dielectric": (0, 2), "transmitted": (2, 3), "reflected": (3, 4)}.get(name, (0, None))
         return Grid(file["dielectric" if last else name][..., first:last] * STEP)
+
+
+def _of(kind: tuple[str, str], width: Array | None) -> tuple[str, str]:
+    """Whose table to ask: once light is a lobe, that of GGX serves all."""
+    return kind if width is None else COMMON
 
 
 def _side(eta: Array) -> Array:
@@ -63,8 +70,7 @@ def dielectric(
         again: mean of all visits but the first, by the light that the first has reflected.
     """
     places = _places(cos, eta, alpha, width)
-    grid = _grid(("ggx", "correlated"), "dielectric_again") if again else _grid(kind, "dielectric")
-    r, t = grid(places, cos)
+    r, t = _grid(*((COMMON, "dielectric_again") if again else (_of(kind, width), "dielectric")))(places, cos)
     return r, t
 
 
@@ -73,7 +79,7 @@ def mean_cosine(
 ) -> Array:
     """Mean cosine of what a rough dielectric transmits or reflects; arguments as for `dielectric`."""
     name = "transmitted" if through else "reflected"
-    return _grid(kind, name)(_places(cos, eta, alpha, width), cos)[0]
+    return _grid(_of(kind, width), name)(_places(cos, eta, alpha, width), cos)[0]
 
 
 def escaping(cos: Array, eta: Array, width: Array) -> Array:
@@ -142,7 +148,7 @@ def metal(
         0 if width is None else axes.along_square(width + 0 * cos),
         dr.sqrt(at_most(at_least(cos, 1e-8), 1)),
     ]
-    weights = _grid(kind, "metal")(places, cos)
+    weights = _grid(_of(kind, width), "metal")(places, cos)
     return _metal(kind, weights, eta, k, alpha + 0 * cos, full)
 
 
@@ -158,10 +164,10 @@ def albedo(cos: Array | None, alpha: Array, like: Array) -> Array:
     """What a mirror of GGX facets reflects by single scattering from this cosine; None: from all directions."""
     alpha = at_least(alpha + 0 * like, 0)
     if cos is None:
-        weights = _grid(("ggx", "correlated"), "metal_diffuse")([axes.along_square(alpha)], like)
+        weights = _grid(COMMON, "metal_diffuse")([axes.along_square(alpha)], like)
     else:
         places: list[Array | int] = [axes.along_square(alpha), 0, dr.sqrt(at_least(cos, 1e-8))]
-        weights = _grid(("ggx", "correlated"), "metal")(places, like)
+        weights = _grid(COMMON, "metal")(places, like)
     return sum(weights[1:], weights[0])
 
 

@@ -1,0 +1,191 @@
+"""Widths, the published recursion against printed numbers, tables against what they were made of."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from lanes import needs_llvm
+
+pytestmark = needs_llvm
+
+TOOLS = Path(__file__).parents[1] / "tools"
+
+
+def _lane(value: float):
+    from drjit.llvm.ad import Float64
+
+    return Float64(value)
+
+
+def _dielectric(eta: float, alpha: float):
+    from urushi.optics.fresnel import fresnel_dielectric
+    from urushi.solvers.lobes.published import Layer
+    from urushi.solvers.lobes.width import additive
+
+    return Layer(
+        lambda cos, _: fresnel_dielectric(cos, eta, 1 / eta)[0],
+        eta=eta,
+        width=lambda scale: additive(_lane(alpha) * scale),
+    )
+
+
+def _metal(eta: float, k: float, alpha: float):
+    from urushi.optics.fresnel import fresnel_conductor
+    from urushi.solvers.lobes.published import Layer
+    from urushi.solvers.lobes.width import additive
+
+    return Layer(
+        lambda cos, _: fresnel_conductor(cos, eta, k),
+        width=lambda scale: additive(_lane(alpha) * scale),
+        opaque=True,
+    )
+
+
+def _numbers(layers: list, cos: float, **options: bool) -> tuple[np.ndarray, np.ndarray]:
+    """Coefficients and roughnesses of the lobes."""
+    from urushi.solvers.lobes.published import add_up
+    from urushi.solvers.lobes.width import roughness
+
+    lobes, _ = add_up(layers, _lane(cos), **options)
+    zero = _lane(0)
+    return (
+        np.array([np.array(energy + zero)[0] for energy, _ in lobes]),
+        np.array([np.array(roughness(width + zero))[0] for _, width in lobes]),
+    )
+
+
+# Numbers worked out by hand from the equations of Belcour 2018, with Fresnel's reflectance of smooth interfaces.
+
+
+def test_coat_on_metal() -> None:
+    layers = [_dielectric(1.5, 0.1), _metal(0.2 / 1.5, 3 / 1.5, 0.05)]
+    energy, alpha = _numbers(layers, 0.8)
+    np.testing.assert_allclose(energy, [0.0438947360, 0.8556148135], rtol=1e-9)
+    np.testing.assert_allclose(alpha, [0.1, 0.1238763], atol=6e-8)
+    _, alpha = _numbers(layers, 0.8, exact=True)
+    assert alpha[1] == pytest.approx(0.1366683, abs=6e-8)
+
+
+def test_forward_scattering_medium() -> None:
+    import drjit as dr
+
+    from urushi.solvers.lobes.medium import forward_width
+    from urushi.solvers.lobes.published import Layer
+
+    medium = Layer(
+        lambda cos, _: 0 * cos,
+        transmittance=lambda cos: (1 + 0.2 / cos) * dr.exp(-0.3 / cos),
+        scattered=forward_width(_lane(0.9)),
+    )
+    layers = [_dielectric(1.5, 0.05), medium, _metal(1 / 1.5, 4 / 1.5, 0.1)]
+    energy, alpha = _numbers(layers, 0.7)
+    np.testing.assert_allclose(energy[[0, 2]], [0.0509169356, 0.5152019409], rtol=1e-9)
+    np.testing.assert_allclose(alpha[[0, 2]], [0.05, 0.3286391], atol=6e-8)
+
+
+def test_three_interfaces_and_both_jacobians() -> None:
+    layers = [_dielectric(1.5, 0.05), _dielectric(2 / 1.5, 0.1), _metal(0.1, 1.5, 0.02)]
+    energy, alpha = _numbers(layers, 0.9, exact=True)
+    np.testing.assert_allclose(energy, [0.0407918879, 0.0188756821, 0.8255903155], rtol=1e-9)
+    np.testing.assert_allclose(alpha, [0.05, 0.1627136, 0.1084726], atol=6e-8)
+    _, consistent = _numbers(layers, 0.9, exact=True, published=False)
+    np.testing.assert_allclose(consistent, [0.05, 0.1627136, 0.1096818], atol=6e-8)
+
+
+def test_width_and_roughness_are_inverse() -> None:
+    from urushi.solvers.lobes.width import additive, roughness
+
+    alpha = np.array([0.0, 1e-4, 0.01, 0.1, 0.5, 0.9])
+    width = [np.array(additive(_lane(a)))[0] for a in alpha]
+    np.testing.assert_allclose(width[2:5], [0.0063492, 0.0863, 0.8745], rtol=1e-3)
+    np.testing.assert_allclose([np.array(roughness(_lane(w)))[0] for w in width], alpha, atol=1e-9)
+
+
+@pytest.mark.parametrize("turn", [0.0, 20.0, 90.0, 130.0])
+def test_turning_all_frames_turns_the_lobe(turn: float) -> None:
+    from urushi.interfaces.base import Frame
+    from urushi.solvers.lobes.width import axes, of_interface, plus
+
+    def lobe(extra: float) -> tuple[float, float, float]:
+        widths = [
+            of_interface(_lane(x), _lane(y), Frame(_lane(angle + extra)), False)
+            for x, y, angle in ((0.1, 0.3, 15.0), (0.2, 0.05, 70.0))
+        ]
+        x, y, frame = axes(plus(*widths))
+        angle = np.degrees(np.arctan2(np.array(frame.sin)[0], np.array(frame.cos)[0]))
+        return np.array(x)[0], np.array(y)[0], angle
+
+    x, y, angle = lobe(0.0)
+    turned_x, turned_y, turned = lobe(turn)
+    assert (turned_x, turned_y) == pytest.approx((x, y), abs=1e-9)
+    assert np.sin(np.radians(turned - angle - turn)) == pytest.approx(0, abs=1e-9)
+    # The axes are those of neither interface, but each lies between theirs.
+    assert x > y and 15.0 < angle % 180 < 160.0
+
+
+@pytest.mark.parametrize("inside", [False, True])
+def test_tables_hold_what_interfaces_do(inside: bool, rng: np.random.Generator) -> None:
+    """Between the nodes, too: reflectance and transmittance of dielectrics from either side."""
+    from urushi.interfaces.base import Frame
+    from urushi.interfaces.dielectric import BoundDielectric
+    from urushi.interfaces.energy import directional
+    from urushi.optics.microfacet import Microfacets
+    from urushi.solvers.lobes import tables
+
+    worst = 0.0
+    for alpha, eta in ((0.07, 1.33), (0.25, 1.5), (0.6, 1.9)):
+        ratio = 1 / eta if inside else eta
+        cos = rng.uniform(0.3, 1.0, 12)
+        facets = Microfacets(_lane(alpha), _lane(alpha), "ggx", "correlated")
+        truth = directional(BoundDielectric(_lane(ratio), facets, False, Frame(0.0)), cos)
+        found = tables.dielectric(
+            ("ggx", "correlated"), type(_lane(0))(cos), _lane(ratio), _lane(alpha), None
+        )
+        for a, b in zip(found, (truth.reflectance, truth.transmittance), strict=True):
+            worst = max(worst, float(np.abs(np.array(a) - b).max()))
+    assert worst < (0.012 if inside else 0.004)
+
+
+def test_a_sample_of_the_tables_is_made_anew() -> None:
+    """The generator gives what is shipped, for one index ratio, roughness and side."""
+    sys.path.insert(0, str(TOOLS))
+    try:
+        import make_lobe_tables as maker
+    finally:
+        sys.path.pop(0)
+    from urushi.solvers.lobes import axes, tables
+
+    side, k, a = 1, 7, 4
+    eta = 1 / axes.ratios()[k]
+    cos, alpha = axes.cosines(eta), axes.squares(axes.ROUGHNESSES)[a]
+    r, t, through, back = maker.directional(
+        cos, np.full_like(cos, alpha), np.full_like(cos, eta), ("ggx", "correlated")
+    )
+    with np.load(Path(tables.__file__).parent / "data" / "ggx_correlated.npz") as file:
+        shipped = file["dielectric"][side, k, a, 0] * tables.STEP
+    np.testing.assert_allclose(shipped[:, 0], r, atol=2e-3)
+    np.testing.assert_allclose(shipped[:, 1], t, atol=2e-3)
+    np.testing.assert_allclose(shipped[:, 3], back, atol=4e-3)
+    seen = t > 1e-3
+    np.testing.assert_allclose(shipped[seen, 2], through[seen], atol=2e-2)
+
+
+def test_tables_are_small() -> None:
+    from urushi.solvers.lobes import tables
+
+    folder = Path(tables.__file__).parent / "data"
+    assert 0 < sum(path.stat().st_size for path in folder.glob("*.npz")) < 2_000_000
+
+
+@pytest.mark.parametrize(("n", "even"), [(1.33, 0.06593), (1.4, 0.07681), (1.5, 0.09178), (2.0, 0.16060)])
+def test_even_light_on_smooth_dielectrics(n: float, even: float) -> None:
+    """Printed means over the hemisphere; from inside 1 - R_i = (1 - R_e) / n^2."""
+    from urushi.solvers.lobes.operators import even_fresnel
+
+    outside, inside = (np.array(even_fresnel(_lane(eta)))[0] for eta in (n, 1 / n))
+    assert outside == pytest.approx(even, abs=6e-6)
+    assert 1 - inside == pytest.approx((1 - outside) / n**2, rel=1e-12)
