@@ -1,0 +1,155 @@
+"""The header of a ``.urushi.npz`` file: text to be read by anyone, and checked value by value."""
+
+from __future__ import annotations
+
+import json
+import math
+from itertools import pairwise
+from typing import Any
+
+from urushi.errors import MaterialError
+
+from .packing import LEAST, MIRRORED, MOST, SIDES
+
+VERSION = 1
+#: nodes and orders, at most
+MOST_NODES, MOST_ORDERS = 4096, 1 << 14
+#: nodes that any file may have, and the square of how many each of its bytes allows
+FREE_NODES, PER_BYTE = 1024, 256
+
+
+def text(header: dict[str, Any], description: str, diagnostics: dict[str, Any]) -> bytes:
+    """A header as text: JSON, in UTF-8."""
+    whole = {
+        "urushi solved stack": VERSION,
+        "stack": json.loads(description),
+        "diagnostics": diagnostics,
+        **header,
+    }
+    return json.dumps(whole, default=_plain, separators=(",", ":")).encode()
+
+
+def parsed(content: bytes, size: int) -> tuple[dict[str, Any], str, dict[str, Any]]:
+    """The header, the description as JSON, and the diagnostics.
+
+    Args:
+        content: the text.
+        size: bytes of the whole file, which limit what the header may ask for.
+
+    Raises:
+        MaterialError: something that no solved stack has.
+    """
+    try:
+        data = json.loads(content.decode("utf-8"))
+    except (ValueError, RecursionError) as fault:
+        raise _wrong("header", str(fault)[:80], "JSON") from None
+    keys = {"urushi solved stack", "stack", "diagnostics", "indices", "panels", "colours", "closed_form"}
+    keys |= {"forward", "error", "deltas", "parts", "planes"}
+    if not isinstance(data, dict) or set(data) != keys:
+        found = sorted(data)[:20] if isinstance(data, dict) else type(data).__name__
+        raise _wrong("header", found, f"a mapping with the keys {', '.join(sorted(keys))}")
+    if data["urushi solved stack"] != VERSION:
+        raise _wrong("urushi solved stack", data["urushi solved stack"], f"version {VERSION} of the format")
+    if not _whole(data["colours"], 1, 4):
+        raise _wrong("colours", data["colours"], "1 to 4")
+    if not _whole(data["planes"], 0, 4):
+        raise _wrong("planes", data["planes"], "0 to 4")
+    if data["closed_form"] not in ("interface", "single", None):
+        raise _wrong("closed_form", data["closed_form"], "interface, single, null")
+    if not _number(data["error"], LEAST, MOST):
+        raise _wrong("error", data["error"], f"{LEAST:g} to {MOST:g}")
+    _check_grid(data, size)
+    _check_parts(data)
+    diagnostics = data["diagnostics"]
+    if not isinstance(diagnostics, dict) or not isinstance(data["stack"], dict):
+        raise _wrong("diagnostics, stack", type(diagnostics).__name__, "mappings")
+    for name in ("estimated_error", "accuracy"):
+        if name in diagnostics and not _number(diagnostics[name], 0, 1e9):
+            raise _wrong(f"diagnostics.{name}", diagnostics[name], "a number")
+    if "history" in diagnostics:
+        if not isinstance(diagnostics["history"], list):
+            raise _wrong("diagnostics.history", diagnostics["history"], "a list")
+        diagnostics["history"] = [
+            tuple(row) if isinstance(row, list) else row for row in diagnostics["history"]
+        ]
+    own = {"urushi solved stack", "stack", "diagnostics"}
+    header = {name: value for name, value in data.items() if name not in own}
+    return header, json.dumps(data["stack"]), diagnostics
+
+
+def _check_grid(data: dict[str, Any], size: int) -> None:
+    indices, panels, forward = data["indices"], data["panels"], data["forward"]
+    if not isinstance(indices, list) or not indices or not all(_number(n, 1, 5) for n in indices):
+        raise _wrong("indices", indices, "numbers from 1 to 5")
+    if not isinstance(panels, list) or not all(
+        isinstance(p, list) and len(p) == 2 and _number(p[0], 1, 5) and _whole(p[1], 2, MOST_NODES)
+        for p in panels
+    ):
+        raise _wrong("panels", panels, f"pairs of an index and 2 to {MOST_NODES} nodes")
+    breaks = [p[0] for p in panels]
+    if any(b <= a * (1 + 1e-9) for a, b in pairwise(breaks)) or not all(
+        any(abs(n - b) <= 1e-9 * n for b in breaks) for n in indices
+    ):
+        raise _wrong("panels", breaks, f"ascending indices, those of the regions among them: {indices[:9]}")
+    nodes = sum(p[1] for p in panels)
+    if nodes > MOST_NODES or nodes**2 > max(FREE_NODES**2, PER_BYTE * size):
+        raise _wrong(
+            "panels",
+            f"{nodes} nodes in {size} bytes",
+            f"at most {MOST_NODES}, and no more than such a file has",
+        )
+    if not isinstance(forward, dict) or not all(
+        k.isdecimal() and len(k) < 9 and _number(v, 0, 1) for k, v in forward.items()
+    ):
+        raise _wrong("forward", forward, "regions and shares from 0 to 1")
+
+
+def _check_parts(data: dict[str, Any]) -> None:
+    parts, deltas, opaque = data["parts"], data["deltas"], ["above to above"]
+    stored = [name for name in SIDES if name != MIRRORED]
+    if not isinstance(parts, dict) or list(parts) not in (opaque, stored):
+        raise _wrong("parts", list(parts)[:9] if isinstance(parts, dict) else parts, f"{opaque} or {stored}")
+    sides = list(SIDES) if len(parts) > 1 else opaque
+    if not isinstance(deltas, dict) or list(deltas) != [name for name in sides if name in deltas]:
+        raise _wrong("deltas", deltas, f"some of {', '.join(sides)}, in this order")
+    counts = [sum(c for n, c in data["panels"] if n <= data["indices"][k] * (1 + 1e-9)) for k in (0, -1)]
+    for name, count in deltas.items():
+        most = min(counts[0 if above else 1] for above in SIDES[name])
+        if not _whole(count, 0, most):
+            raise _wrong(f"deltas[{name}]", count, f"0 to {most}")
+    for name, part in parts.items():
+        if not isinstance(part, dict) or list(part) != ["blocks", "rest"]:
+            raise _wrong(f"parts[{name}]", part, "blocks and rest")
+        for kind, blocks in part.items():
+            if not isinstance(blocks, list) or not all(isinstance(b, list) and len(b) == 3 for b in blocks):
+                raise _wrong(f"parts[{name}].{kind}", blocks, "lists of three numbers")
+            end = 0
+            for start, stop, first in blocks:
+                fine = _whole(start, end, MOST_ORDERS) and _whole(stop, start, MOST_ORDERS)
+                if not fine or not _whole(first, 0, MOST_NODES) or (start == stop and start == 0):
+                    raise _wrong(
+                        f"parts[{name}].{kind}", [start, stop, first], "ascending orders, and a node"
+                    )
+                end = stop
+
+
+def _whole(value: Any, low: int, high: int) -> bool:
+    return type(value) is int and low <= value <= high
+
+
+def _number(value: Any, low: float, high: float) -> bool:
+    return type(value) in (int, float) and math.isfinite(value) and low <= value <= high
+
+
+def _plain(value: Any) -> Any:
+    """Numbers of numpy as Python's."""
+    if hasattr(value, "item"):
+        return value.item()
+    raise MaterialError(f"diagnostics hold a {type(value).__name__}; allowed: numbers and text")
+
+
+def _wrong(where: str, found: Any, allowed: str) -> MaterialError:
+    shown = str(found)
+    return MaterialError(
+        f"found {shown if len(shown) < 90 else shown[:87] + '...'}; allowed: {allowed}", where=where
+    )
