@@ -21,6 +21,7 @@ from urushi.solvers.adding.balance import all_reciprocal, scales
 from urushi.solvers.adding.basis import Grid
 from urushi.solvers.adding.interfaces import RoughLayer
 from urushi.solvers.adding.operator import OPERATORS, Operator
+from urushi.solvers.adding.resolution import narrowest, panel_counts
 from urushi.solvers.bound import BoundStack, bind
 from urushi.solvers.numbers import gather_numbers
 
@@ -301,3 +302,17 @@ def test_scales_repair_a_matrix() -> None:
         scales(matrix, sums * 9)
     slab = all_reciprocal(Slab(matrix, matrix, matrix, matrix * 1.1), w, w)
     assert np.allclose(slab.t_down * w, np.swapaxes(slab.t_up * w, 1, 2), rtol=1e-13)
+
+
+def test_resolution() -> None:
+    """What the lobes of a stack ask for: those of closed form do not count, those behind them do."""
+    assert narrowest([0.01], [1.0, 1.5], False) is None
+    assert narrowest([0.01, None], [1.0, 1.5], True) is None
+    assert narrowest([0.0, 0.05], [1.0, 1.5], True) == pytest.approx(0.1)
+    assert narrowest([0.3, 0.05], [1.0, 1.5], True) == pytest.approx(np.sqrt(0.01 + 2 * 0.1**2))
+    assert narrowest([0.1, 0.1], [1.0, 1.5, 1.0], False) == pytest.approx(np.hypot(0.1 / 3, 0.05))
+    assert panel_counts([0.01, None], [1.0, 1.5], True, 1e-3) == [14, 9]
+    few, more = (panel_counts([0.1, 0.2], [1.0, 1.5], True, a)[0] for a in (1e-2, 1e-4))
+    assert more > 1.8 * few
+    _, (layer,) = prepared(ur.Dielectric(ior=1.5, alpha=0.1), counts=(32, 16))
+    assert layer.error < 1e-3 < prepared(ur.Dielectric(ior=1.5, alpha=0.1), counts=(8, 6))[1][0].error

@@ -16,6 +16,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import drjit as dr
@@ -57,12 +58,12 @@ class Side:
     def reflects(self) -> bool:
         return self.source == self.target
 
-    @property
+    @cached_property
     def ratio(self) -> float:
         """Index beyond the boundary over that on the incident side."""
         return _number(self.interface.ratio(self.above))
 
-    @property
+    @cached_property
     def alpha(self) -> float:
         """Roughness; 1 for what has none but is no smooth interface either."""
         alpha = max(_number(a) for a in self.interface.roughness())
@@ -272,16 +273,18 @@ class Pairs:
                 rng = generator(w, [sin_i, sin_o, cos_o, sin], UInt32(SEED), dr.opaque(UInt32, draw))
                 value, _ = ask(w, o, side.above, rng=rng)
                 found = found + np.array(value - certain) / side.draws
-        if found.ndim == 1:
-            found = found[None]
-        return np.broadcast_to(found, (len(found), shape[0] * shape[1])).reshape(-1, *shape).copy()
+        size = shape[0] * shape[1]
+        if found.size % size:  # one number for all
+            found = np.repeat(np.atleast_2d(found).reshape(-1, 1), size, axis=1)
+        return found.reshape(-1, *shape)
 
 
 def _lagrange(nodes: np.ndarray, x: np.ndarray) -> np.ndarray:
-    """(..., n) the Lagrange polynomials of few nodes at x."""
-    difference = x[..., None] - nodes
-    found = np.empty(difference.shape)
-    for j in range(len(nodes)):
-        others = np.delete(difference, j, axis=-1) / np.delete(nodes[j] - nodes, j)
-        found[..., j] = others.prod(axis=-1)
+    """(..., n) the Lagrange polynomials of few nodes at x, in [0, 1] (barycentric)."""
+    apart = 4 * (nodes[:, None] - nodes)
+    np.fill_diagonal(apart, 1.0)
+    away = x[..., None] - nodes
+    # A point on a node is moved by less than rounding would.
+    found = 1 / (np.where(np.abs(away) < 1e-14, 1e-14, away) * apart.prod(axis=1))
+    found /= found.sum(axis=-1, keepdims=True)
     return found

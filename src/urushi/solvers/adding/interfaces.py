@@ -23,6 +23,8 @@ from .operator import Operator
 
 #: nothing has more orders than this
 MOST_ORDERS = 1 << 14
+#: orders computed at once, at least, where they fit in so many bytes
+AHEAD, AHEAD_MEMORY = 28, 1 << 28
 
 
 class RoughLayer:
@@ -33,7 +35,8 @@ class RoughLayer:
         grid: the nodes.
         region: the region above it.
         tolerance: azimuthal orders end where they hold less than this, relative to the largest.
-        points: Gauss points per panel of all integrals: 8 are good to 5e-5, 10 to 5e-6, 12 to 1e-6.
+        points: Gauss points per panel of all integrals: 8 are good to 5e-5, 10 to 5e-6, 12 to 1e-6; None for as many
+            as the tolerance asks for.
 
     Attributes:
         orders: azimuthal orders from this one on are negligible (see `first`).
@@ -42,9 +45,16 @@ class RoughLayer:
     """
 
     def __init__(
-        self, interface: Interface, grid: Grid, region: int, tolerance: float = 1e-4, points: int = 10
+        self,
+        interface: Interface,
+        grid: Grid,
+        region: int,
+        tolerance: float = 1e-4,
+        points: int | None = None,
     ) -> None:
-        self.grid, self.points = grid, points
+        self.grid = grid
+        self.points = points or (8 if tolerance >= 5e-5 else 10 if tolerance >= 5e-6 else 12)
+        self._ahead: tuple[range, int, Slab] | None = None
         below = region if interface.opaque else region + 1
         self.above, self.below = grid.count(region), 0 if interface.opaque else grid.count(below)
         self.sides = {
@@ -107,6 +117,25 @@ class RoughLayer:
         w = self.grid.etendue
         return all_reciprocal(raw, w[first : self.above], w[first : self.below])
 
+    def _computed(self, orders: range, first: int) -> Slab:
+        """The reciprocal matrices of some orders. Many are computed at once, since that costs little more than few."""
+        if self._ahead is None or not (
+            self._ahead[0].start <= orders.start
+            and orders.stop <= self._ahead[0].stop
+            and self._ahead[1] <= first
+        ):
+            size = 8 * 4 * len(self._zero.r_top) * (len(self.grid.s) - first) ** 2
+            more = min(max(AHEAD, orders.start), AHEAD_MEMORY // size)
+            block = range(orders.start, min(max(orders.stop, orders.start + more), self.orders))
+            slab = self._exact(self._raw(block, first), first)
+            if block.start == 0:
+                for matrix, kept in zip(slab, self._zero, strict=True):
+                    matrix[:, 0] = kept[:, 0, first:, first:]
+            self._ahead = block, first, slab
+        block, start, slab = self._ahead
+        some, cut = slice(orders.start - block.start, orders.stop - block.start), first - start
+        return Slab(*(matrix[:, some, cut:, cut:] for matrix in slab))
+
     def slab(self, orders: range, first: int = 0) -> Slab:
         """The four operators between the nodes from `first` on, for some orders."""
         n_above, n_below = self.above - first, max(self.below - first, 0)
@@ -114,10 +143,7 @@ class RoughLayer:
         orders = range(orders.start, min(orders.stop, self.orders))
         if len(orders) == 0 or n_above <= 0:
             return Slab(*(Operator(shape) for shape in shapes))
-        slab = self._exact(self._raw(orders, first), first)
-        if orders.start == 0:
-            for matrix, kept in zip(slab, self._zero, strict=True):
-                matrix[:, 0] = kept[:, 0, first:, first:]
+        slab = self._computed(orders, first)
         above = self.scale[:, None, first : self.above]
         below = self.scale[:, None, self.above + first :]
         factors = ((above, above), (below, above), (below, below), (above, below))
