@@ -129,6 +129,9 @@ def test_sampling_agrees_with_the_values(distribution: str, rng: np.random.Gener
             here = found > 0 if part == "both" else found > 1e-9
             z = (found - values)[here] / np.hypot(error, spread_)[here]
             assert here.sum() >= 6 and np.abs(z).max() < 4.5, (part, z)
+            # All cells together say more of the energy than each of its share.
+            more = found[here].sum() - values[here].sum()
+            assert abs(more) < 4.5 * np.sqrt(np.sum(error[here] ** 2 + spread_[here] ** 2)), part
 
 
 @one_distribution
