@@ -2,7 +2,7 @@
 
 Two solutions on different nodes are compared where neither has a node: at fixed angles of incidence, grazing ones
 included, and at directions around the mirror direction, where lobes peak. What they differ by is the error of the
-coarser one; the finer one, which is kept, is better than that.
+coarser one, and a bound of that of the finer one, which is kept, unless the differences shrink slowly.
 """
 
 from __future__ import annotations
@@ -55,7 +55,10 @@ def refine(
     history: list[tuple[int, float]] = []
     while True:
         fine = solve(counts)
-        error = difference(coarse, fine)
+        change = difference(coarse, fine)
+        # The finer solution is better than the change where changes shrink fast, and no better where they do slowly.
+        rate = change / history[-1][1] if history else 0.5
+        error = change * max(1.0, rate / max(1 - rate, 0.1))
         history.append((len(fine.grid.s), error))
         if progress is not None:
             progress(*history[-1])
