@@ -77,6 +77,7 @@ class Stencils:
 
     def __init__(self, grid: Grid, regions: tuple[int, ...], order: int, module: Any, double: bool) -> None:
         self.order = order
+        self.upon = 1e-14 if double else 1e-9  # nearer to a node is upon it
         number = number_type(module, double)
         whole = int if number is float else module.UInt
         self.counts = [grid.count(region) for region in regions]
@@ -141,7 +142,7 @@ class Stencils:
         """The weight of the k-th node of the stencil."""
         away = place.psi - self.psi[place.first + k]
         # Upon a node its weight is so much larger than all others that these vanish.
-        away = dr.select(dr.abs(away) < 1e-9, 1e-9, away)
+        away = dr.select(dr.abs(away) < self.upon, self.upon, away)
         return self.weights[place.cell * self.order + k] / away * place.norm
 
     def entry(self, place: Place, k: Any) -> tuple[Any, Any]:
