@@ -6,6 +6,7 @@ is defined in `docs/fourier-file.md`.
     table     FourierTable: what a file holds, checked
     file      read_fourier, write_fourier: the same bytes in both directions
     build     fourier_table: a table from series at nodes; the running integrals
+    export    fourier_of: a table of a stack solved by adding
     values    eval, reflectance: what a table says, in numpy
 """
 
