@@ -11,12 +11,20 @@ import drjit as dr
 import numpy as np
 import pytest
 
+import urushi as ur
 from lanes import DOUBLE, SINGLE, Lanes, back, direction, hemisphere, needs_llvm
+from quadrature import sphere
 from surface import check_samples, check_weights, evaluate, sample
 from test_conductor import GOLD, MIRROR, metal
 from test_dielectric import rough
 from test_interface_energy import COSINES, REFLECTED
-from urushi.interfaces import CompensatedConductor, CompensatedDielectric, tables
+from urushi.interfaces import (
+    CompensatedConductor,
+    CompensatedDielectric,
+    WalkedConductor,
+    WalkedDielectric,
+    tables,
+)
 from urushi.interfaces.compensated import MEAN_COSINES, MEAN_WEIGHTS
 from urushi.interfaces.energy import directional, hemispherical
 
@@ -48,7 +56,7 @@ def total(interface: Any, w: Any, above: bool = True, accuracy: float = 3e-4) ->
 
 
 @each_model
-@pytest.mark.parametrize("alpha", [0.01, 0.06, 0.23, 0.6, 1.0])
+@pytest.mark.parametrize("alpha", [0.01, 0.06, pytest.param(0.23, marks=pytest.mark.slow), 0.6])
 def test_a_white_metal_is_white(alpha: float, distribution: str, masking: str) -> None:
     interface = mirror(DOUBLE, alpha, None, distribution, masking)
     assert np.abs(total(interface, GRAZING) - 1).max() < 2e-3
@@ -57,12 +65,17 @@ def test_a_white_metal_is_white(alpha: float, distribution: str, masking: str) -
         assert np.abs(total(interface.single, GRAZING) - 1).max() > 0.01
 
 
-@pytest.mark.parametrize("masking", ["correlated", "separable"])
-@pytest.mark.parametrize("distribution", ["ggx", pytest.param("beckmann", marks=pytest.mark.slow)])
-@pytest.mark.parametrize("eta", [1.05, 1.5, 3.0])
+def _glasses() -> list[Any]:
+    """Every index and model, one of them quickly."""
+    quick = (1.5, "ggx", "correlated")
+    cases = [(eta, *model) for eta in (1.05, 1.5, 3.0) for model in MODELS]
+    return [pytest.param(*case, marks=() if case == quick else pytest.mark.slow) for case in cases]
+
+
+@pytest.mark.parametrize(("eta", "distribution", "masking"), _glasses())
 def test_clear_glass_is_clear(eta: float, distribution: str, masking: str) -> None:
     """From both sides; Walter's fit gives Beckmann's separable masking 2e-3 too much by itself."""
-    for alpha, above in itertools.product((0.01, 0.12, 0.45, 1.0), (True, False)):
+    for alpha, above in itertools.product((0.01, 0.3, 1.0), (True, False)):
         interface = glass(DOUBLE, eta, alpha, None, distribution, masking)
         assert np.abs(total(interface, GRAZING, above, 6e-4) - 1).max() < 2e-3, (alpha, above)
 
@@ -77,7 +90,7 @@ def test_clear_glass_at_random(distribution: str, masking: str, rng: np.random.G
         assert np.abs(total(interface, cos, above, 6e-4) - 1).max() < 2.5e-3, (eta, alpha, above)
 
 
-BRUSHED = [(1.0, 0.1), (0.5, 0.05), (0.1, 0.01), (0.2, 0.6), (0.3, 0.3), (0.1, 1e-4)]
+BRUSHED = [(1.0, 0.1), (0.5, 0.05), (0.1, 0.01), (0.2, 0.6), (0.3, 0.3)]
 
 
 @pytest.mark.parametrize("distribution", ["ggx", "beckmann"])
@@ -87,20 +100,32 @@ def test_brushed_metal_is_white(alphas: tuple[float, float], distribution: str) 
         *(grid.ravel() for grid in np.meshgrid((0.02, 0.1, 0.4, 0.8, 1.0), np.radians([0, 25, 50, 75, 90])))
     )
     found = total(mirror(DOUBLE, *alphas, distribution), w, accuracy=2e-3)
-    assert np.abs(found - 1).max() < (1e-2 if max(alphas) / min(alphas) <= 10 else 3e-2)
+    assert np.abs(found - 1).max() < 1e-2
 
 
-@pytest.mark.parametrize("eta", [1.05, 1.5, 3.0])
+@pytest.mark.parametrize("alphas", [(1.0, 1e-4), (1e-4, 0.1)])
+def test_beyond_the_tables_light_is_lost_but_not_gained(alphas: tuple[float, float]) -> None:
+    """Brushing narrower than 16 to 1 counts as that: too little is given back along the grooves, near grazing."""
+    w = direction(*(grid.ravel() for grid in np.meshgrid((0.02, 0.1, 0.4, 1.0), np.radians([0, 45, 90]))))
+    for interface in (mirror(DOUBLE, *alphas), glass(DOUBLE, 1.5, *alphas)):
+        found = total(interface, w, accuracy=4e-3)
+        assert found.max() < 1.01 and found.min() > 0.7
+
+
+@pytest.mark.parametrize(
+    "eta", [1.5, *(pytest.param(eta, marks=pytest.mark.slow) for eta in (1.05, 1.2, 3.0))]
+)
 @pytest.mark.parametrize(
     "alphas", [(0.5, 0.05), pytest.param((1.0, 0.1), marks=pytest.mark.slow), (0.2, 0.6)]
 )
 def test_brushed_glass_is_clear(alphas: tuple[float, float], eta: float) -> None:
+    """Total reflection by nearly equal indices is too sharp for the coarse tables: there 2e-2, else 1e-2."""
     w = direction(
         *(grid.ravel() for grid in np.meshgrid((0.02, 0.1, 0.4, 0.8, 1.0), np.radians([0, 25, 50, 75, 90])))
     )
     for above in (True, False):
         found = total(glass(DOUBLE, eta, *alphas), w, above, accuracy=2e-3)
-        assert np.abs(found - 1).max() < 1e-2
+        assert np.abs(found - 1).max() < (2e-2 if eta < 1.2 else 1e-2)
 
 
 def test_glass_on_average() -> None:
@@ -336,3 +361,53 @@ def test_derivatives(name: str, rng: np.random.Generator) -> None:
     step = 1e-6
     high, low = (back(ask(DOUBLE(value + s))).sum() for s in (step, -step))
     assert dr.grad(x)[0] == pytest.approx((high - low) / (2 * step), rel=1e-5)
+
+
+@pytest.mark.parametrize(("eta", "alpha"), [(1.5, 0.3), (2.2, 1.0)])
+def test_the_walk_shares_alike(eta: float, alpha: float) -> None:
+    """Transmittance of light from the hemisphere, against the random walk."""
+    for above in (True, False):
+        interface = glass(DOUBLE, eta, alpha)
+        found = hemispherical(interface, above, accuracy=5e-4).transmittance
+        walked = hemispherical(WalkedDielectric(rough(SINGLE, eta, alpha)), above, accuracy=2e-3)
+        assert found == pytest.approx(walked.transmittance, abs=2e-3)
+        # The planted fault: all of what is lost reflected.
+        single = hemispherical(interface.single, above, accuracy=5e-4).transmittance
+        assert walked.transmittance - single > 4e-3
+
+
+def test_colours_are_near_those_of_the_walk() -> None:
+    """Hill's series knows one mean reflectance: gold is at worst 0.015 too dark at alpha 0.3, and 0.017 at 0.6."""
+    for alpha in (0.3, 0.6):
+        found = directional(mirror(DOUBLE, alpha, index=GOLD), [0.3, 0.9]).reflectance
+        walked = directional(WalkedConductor(metal(SINGLE, alpha)), [0.3, 0.9], accuracy=1.5e-3).reflectance
+        assert np.abs(found - walked).max() < 0.022
+        single = directional(metal(DOUBLE, alpha), [0.3, 0.9]).reflectance
+        assert np.abs(single - walked).max() > 0.1
+
+
+@pytest.mark.slow
+def test_three_rough_glasses_on_a_mirror_lose_nothing() -> None:
+    more: Any = {"multiple_scattering": "compensated"}
+    layers = [ur.Dielectric(ior=n, alpha=a, **more) for n, a in ((1.5, 0.3), (1.3, 0.5), (1.7, 0.2))]
+    base = ur.Conductor(material="none", alpha=0.3, **more)
+    bsdf = ur.solve(ur.Stack(layers=[*layers, base]), "walk", samples=1 << 17)
+    found, error = bsdf.reflectance(direction(np.array([0.2, 0.5, 0.8, 1.0])), with_error=True)
+    spread = np.sqrt((error[:, 0] ** 2).sum()) / 4
+    assert spread < 1.5e-3
+    assert abs(found[:, 0].mean() - 1) < 3e-3 + 2 * spread
+
+
+def test_through_a_stack() -> None:
+    """Integrating eval over directions is the reflectance; gold under a rough coat, both complete."""
+    more: Any = {"multiple_scattering": "compensated"}
+    coat = ur.Dielectric(ior=1.5, alpha=0.3, **more)
+    gold = ur.Conductor(material="Au", alpha=(0.4, 0.2), **more)
+    stack = ur.Stack(layers=[coat, gold])
+    o, weight = sphere(32, 64, 0.0, 1.0)
+    wi = direction(0.7, 0.5)
+    value, error = ur.solve(stack, samples=64).eval(np.tile(wi, (len(o), 1)), o, with_error=True)
+    spread = np.sqrt(((weight[:, None] * error) ** 2).sum(axis=0))
+    whole, own = ur.solve(stack, samples=1 << 15).reflectance(wi, with_error=True)
+    assert np.all(np.abs(weight @ value - whole) < 4 * np.hypot(spread, own) + 2e-3)
+    assert np.all(np.hypot(spread, own) < 0.02)

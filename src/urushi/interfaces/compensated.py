@@ -19,20 +19,25 @@ import drjit as dr
 
 from ..optics.fresnel import fresnel_conductor
 from ..optics.random import Generator
-from ..optics.vectors import Array, Vector, at_least, at_most, cosine_hemisphere, mirror, negate, peak
+from ..optics.vectors import Array, Vector, at_least, at_most, azimuth, mirror, negate, peak, root
 from .base import HORIZON, Interface, Part, Scatter
 from .conductor import BoundConductor
 from .dielectric import BoundDielectric
 from .given import Given
 from .missing import Missing, number_of
 
+#: least n of the density n cos^(n - 1) / (2 pi) of the lobe's samples
+FLATTEST = 0.3
 #: cosines and weights of Gauss's rule for means by cosine (Jacobi polynomials): 1e-3 at worst for a metal's Fresnel
 MEAN_COSINES = (0.13975986, 0.41640957, 0.72315699, 0.94289580)
 MEAN_WEIGHTS = (0.06236194, 0.25969510, 0.40692914, 0.27101383)
 
 
 class Compensated(Interface):
-    """What both have in common: single scattering and a cosine lobe, mixed by what single scattering loses.
+    """What both have in common: single scattering and a lobe, mixed by what single scattering loses.
+
+    The directions of the lobe are sampled by a power of the cosine, with the mean that they have: where the lobe is
+    concentrated at grazing angles a cosine itself would be a poor guess, and worse at every bounce of a stack.
 
     Args:
         single: the interface with single scattering.
@@ -43,6 +48,25 @@ class Compensated(Interface):
         self.single = single
         self.missing = missing
         self.opaque, self.delta, self.frame = single.opaque, single.delta, single.frame
+        self._sharpness: dict[bool, Array] = {}
+        for above in (True,) if self.opaque else (True, False):
+            # The mean cosine of the density ~ cos^(n - 1) per solid angle is n / (n + 1).
+            cosine = (
+                dr.detach(missing.cosine(above))
+                if dr.is_array_v(single.facets.alpha_x)
+                else missing.cosine(above)
+            )
+            self._sharpness[above] = at_least(cosine / (1 - cosine), FLATTEST)
+
+    def _power(self, above: bool, through: Any) -> Array:
+        """The n of the density n cos^(n - 1) / (2 pi) of the lobe's samples, on this side or the other."""
+        if self.opaque:
+            return self._sharpness[True]
+        if through is False:
+            return self._sharpness[above]
+        if through is True:
+            return self._sharpness[not above]
+        return dr.select(through, self._sharpness[not above], self._sharpness[above])
 
     def _scale(self, above: bool, through: Any) -> Array:
         """The factor of m(w) m(o) cos in the lobe on this side, or through the surface (a bool or a mask)."""
@@ -73,10 +97,12 @@ class Compensated(Interface):
         lit = at_most(w.z, cosine) > HORIZON
         beyond = self._lost(o, through ^ above)
         more = self._scale(above, through) * (lost * beyond * cosine)
-        density = cosine * dr.inv_pi
+        n = self._power(above, through)
+        density = n * (0.5 * dr.inv_pi) * dr.power(at_least(cosine, HORIZON), n - 1)
         if part == "both":
             density = density * self._share(above, through)
-        return value + dr.select(lit, more, 0), dr.fma(lost, dr.select(lit, density, 0) - pdf, pdf)
+        kept = self._kept(w, o, lit) if self._accepts(part) else 1 - lost
+        return value + dr.select(lit, more, 0), dr.fma(lost, dr.select(lit, density, 0), kept * pdf)
 
     def reflect(
         self, w: Vector, o: Vector, above: bool, part: Part = "both", rng: Generator | None = None
@@ -100,18 +126,32 @@ class Compensated(Interface):
         part: Part = "both",
         rng: Generator | None = None,
     ) -> Scatter:
-        # One scattering or, by the chance `lost`, the cosine lobe. The second number decides, and is stretched over
-        # what it decided for: the first may be the same on all lanes.
         lost = self._lost(w, above)
-        kept = 1 - lost
-        wide = u[1] >= kept
-        second = dr.select(wide, (u[1] - kept) / at_least(lost, 1e-7), u[1] / at_least(kept, 1e-7))
-        second = at_most(second, 1 - 2.0**-24)
-        event = self.single.sample(w, (u[0], second, u[2]), above, part)
-        up = cosine_hemisphere(second, u[2], w)
+        accepts = self._accepts(part)
         through: Any = part == "transmit"
-        if part == "both" and not self.opaque:
-            through = dr.select(wide, u[0] >= self._share(above, False), event.through)
+        if accepts:
+            # What a facet keeps is its chance to be taken, and what is then not taken is just what is lost: no sample
+            # is void, and of a lossless surface each has weight 1. The digits that chose the facet hardly notice.
+            event = self.single.sample(w, u, above, part)
+            kept = self._kept(w, event.o, peak(event.weight) > 0)
+            choice = _digits(u[1])
+            wide = choice >= kept
+            if self.delta is not False:
+                wide &= negate(self.delta)
+            second, third = (choice - kept) / at_least(1 - kept, 1e-7), _digits(u[2])
+            if not self.opaque:
+                through = dr.select(wide, _digits(u[0]) >= self._share(above, False), event.through)
+        else:
+            # The first number may be the same on all lanes; the second decides, and is stretched over what it decided.
+            kept = 1 - lost
+            wide = u[1] >= kept
+            second = dr.select(wide, (u[1] - kept) / at_least(lost, 1e-7), u[1] / at_least(kept, 1e-7))
+            second, third = at_most(second, 1 - 2.0**-24), u[2]
+            event = self.single.sample(w, (u[0], second, third), above, part)
+        cos = dr.power(at_least(1 - second, 1e-7), dr.rcp(self._power(above, through)))
+        sin_phi, cos_phi = azimuth(third)
+        sin = root((1 - cos) * (1 + cos))
+        up = type(w)(sin * cos_phi, sin * sin_phi, cos)
         o = dr.select(wide, dr.select(through, mirror(up), up), event.o)
         single = self._single(w, o, above, part, through)
         # The weight of a facet's own event is surer than the flux density in its direction.
@@ -124,6 +164,17 @@ class Compensated(Interface):
         if self.delta is not False:
             weight = dr.select(self.delta, event.weight, weight)
         return Scatter(o, weight, pdf, through)
+
+    def _accepts(self, part: Part) -> bool:
+        """Whether facets are taken by the chance that they keep the light, which takes all that they may do with it."""
+        return self.opaque or part == "both"
+
+    def _kept(self, w: Vector, o: Vector, valid: Any) -> Array:
+        """How much of what facets send from w to o, on either side, is not masked by others; 0 where not valid."""
+        w, o = self.frame.enter(w), self.frame.enter(o)
+        facets = self.single.facets
+        kept = facets.masked(w, type(o)(o.x, o.y, dr.abs(o.z)), facets.sigma(w))
+        return dr.select(valid, kept, 0)
 
     def _single(self, w: Vector, o: Vector, above: bool, part: Part, through: Any) -> tuple[Array, Array]:
         """Single scattering from w to o, on the side that `through` says."""
@@ -149,6 +200,11 @@ class Compensated(Interface):
 
     def ratio(self, above: bool) -> Array:
         return self.single.ratio(above)
+
+
+def _digits(u: Array) -> Array:
+    """The later digits of a number in [0, 1): almost independent of what the first ones decide."""
+    return 1024 * u - dr.floor(1024 * u)
 
 
 class CompensatedConductor(Compensated):

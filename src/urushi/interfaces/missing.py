@@ -66,11 +66,18 @@ class Missing:
 
     def mean(self, above: bool) -> Array:
         """The same for light from the whole hemisphere, by cosine; above 0."""
-        means = table(f"mean_{self.kind}", self.model, self.number)
+        return dr.square(self.larger) * self._mean("mean", above)
+
+    def cosine(self, above: bool) -> Array:
+        """The mean cosine of the directions from which light is lost."""
+        return self._mean("cosine", above)
+
+    def _mean(self, what: str, above: bool) -> Array:
+        means = table(f"{what}_{self.kind}", self.model, self.number)
         place = [*self._index(above), *self.place]
         if len(place) < len(means.shape):
             place = [0 * place[0], *place]
-        return dr.square(self.larger) * means(*place)
+        return means(*place)
 
     def exchanged(self) -> tuple[Array, Array]:
         """How much of what is lost is transmitted, of light from above and from below.

@@ -150,8 +150,11 @@ FINER = 4
 
 
 @functools.cache
-def means(kind: str, model: str) -> NDArray[np.float64]:
-    """Means over the hemisphere, by cosine, of what is interpolated in `refined`, over the squared roughness.
+def means(kind: str, model: str) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Means over the hemisphere of what is interpolated in `refined`, for two tables.
+
+    Returns:
+        the mean by cosine over the squared roughness, and the mean cosine of light that is lost.
 
     The roughness (the larger one) is `FINER`: between its nodes the cosines of the nodes change. All axes but azimuth
     and cosine remain.
@@ -171,9 +174,12 @@ def means(kind: str, model: str) -> NDArray[np.float64]:
     alpha = roughnesses(table.shape[-3])
     spread = ratios(table.shape[-2]) if brushed else np.ones(1)
     edges = [[cosines(a / math.sqrt(r), len(middle) + 1) for r in spread] for a in alpha]
-    weights = np.diff(np.square(edges), axis=-1) / np.square(alpha)[:, None, None]
-    mean = np.einsum("...arc,arc->...ar", table, weights)
-    return mean if brushed else mean[..., 0]
+    # The integrals of 2 cos and of 2 cos^2 over each cell.
+    first, second = (np.diff(np.power(edges, power), axis=-1) for power in (2, 3))
+    mean = np.einsum("...arc,arc->...ar", table, first)
+    cosine = np.einsum("...arc,arc->...ar", table, second * 2 / 3) / np.maximum(mean, 1e-30)
+    mean = mean / np.square(alpha)[:, None]
+    return (mean, cosine) if brushed else (mean[..., 0], cosine[..., 0])
 
 
 def _between(table: NDArray[np.float64], at: NDArray[np.float64], axis: int) -> NDArray[np.float64]:
@@ -234,11 +240,12 @@ def _cell(place: Array, n: int) -> tuple[Array, Array]:
 
 @functools.cache
 def table(kind: str, model: str, number: Any) -> Table:
-    """A table for numbers of one type: of `refined`, of "mean_" + kind, or "shares"."""
+    """A table for numbers of one type: of `refined`, of `means` ("mean_" or "cosine_" + kind), or "shares"."""
     if kind == "shares":
         nodes = shares(model)
-    elif kind.startswith("mean_"):
-        nodes = means(kind.removeprefix("mean_"), model)
+    elif kind.startswith(("mean_", "cosine_")):
+        which, _, surface = kind.partition("_")
+        nodes = means(surface, model)[which == "cosine"]
         nodes = nodes[None].repeat(2, 0) if nodes.ndim == 1 else nodes
     else:
         nodes = refined(kind, model)
