@@ -3,8 +3,8 @@
     python tools/make_lobe_tables.py
 
 Directional energies are means over a Fibonacci lattice of the samples of `BoundDielectric` and of the facets of
-`Microfacets` (`solvers.lobes.tables` says what each table holds, and how far interpolation is off). Light that is a lobe
-already is the average of those over the directions of that lobe.
+`Microfacets` (`solvers.lobes.tables` says what each table holds, and how far interpolation is off). Light that is a
+lobe already is the average of those over the directions of that lobe.
 """
 
 from __future__ import annotations
@@ -34,7 +34,8 @@ def lattice(count: int) -> tuple[np.ndarray, np.ndarray]:
 
 
 def directional(cos: np.ndarray, alpha: np.ndarray, eta: np.ndarray, kind: tuple[str, str]) -> np.ndarray:
-    """(4, N): reflectance, transmittance and the mean cosines of what is transmitted and reflected, of rough dielectrics.
+    """(4, N): reflectance, transmittance and the mean cosines of what is transmitted and reflected, of rough
+    dielectrics.
 
     Args:
         cos, alpha, eta: (N,) cosine of incidence, roughness > 0, index beyond over index before.
@@ -71,7 +72,7 @@ def over(moment: np.ndarray, energy: np.ndarray) -> np.ndarray:
 
 
 def lobe(cos: np.ndarray, alpha: float) -> tuple[np.ndarray, np.ndarray]:
-    """Cosines (N, SAMPLES) of the reflections of a GGX surface, and their weights, which sum to 1; alpha 0: the mirror."""
+    """Cosines (N, SAMPLES) of the reflections of a GGX surface, and their weights, summing to 1; alpha 0: the mirror."""
     import drjit as dr
     from drjit.llvm.ad import Array3f64, Float64
 
@@ -199,8 +200,8 @@ def centres() -> dict[str, np.ndarray]:
     """(WIDTHS, MEANS, 1), evenly spaced in the cosine that is given.
 
     Returns:
-        "centre": of the lobe of a width, by its mean cosine; "mean": the inverse; "escaping": (INDICES, WIDTHS, COSINES, 1)
-        how much of a lobe lies within the critical angle.
+        "centre": of the lobe of a width, by its mean cosine; "mean": the inverse; "escaping": (INDICES, WIDTHS,
+        COSINES, 1) how much of a lobe lies within the critical angle.
     """
     from urushi.solvers.lobes import axes
 

@@ -57,7 +57,9 @@ class Given:
             delta = (x <= 0) & (y <= 0)
             if delta is True:
                 return None, True
-            x, y = at_least(x, SMALLEST), at_least(y, SMALLEST)
+            # One object where it is one number: that is how others know it is the same in all directions.
+            alike, x = x is y, at_least(x, SMALLEST)
+            y = x if alike else at_least(y, SMALLEST)
         return Microfacets(x, y, self.layer.distribution, getattr(self.layer, "masking", "correlated")), delta
 
     def frame(self) -> Frame:

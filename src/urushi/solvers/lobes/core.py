@@ -54,6 +54,7 @@ class LobesCore:
         radiance: scale transmitted light as radiance (n_wi / n_wo)^2; False for importance (flux).
         symmetric: evaluate reflection in its reciprocal form.
         published: as the paper and its code have it (`published`).
+        uniform: whether no number of the stack varies from lane to lane, in a vectorised backend.
     """
 
     def __init__(
@@ -63,7 +64,9 @@ class LobesCore:
         radiance: bool = True,
         symmetric: bool = False,
         published: bool = False,
+        uniform: bool = False,
     ) -> None:
+        self.uniform = uniform
         self.stack, self.spectrum, self.radiance = stack, spectrum, radiance
         self.symmetric, self.published = symmetric, published
         self.sides = (True,) if stack.opaque else (True, False)
@@ -157,15 +160,13 @@ class LobesCore:
                 continue
             here = same if mine else (wo.z < 0 if above else wo.z > 0)
             shape = self.exits[above if mine else not above]
-            if self.symmetric and mine:
-                spread = shape.reciprocal(wi, wo)
-            else:
-                spread = energy * shape.density(o)
+            reciprocal = self.symmetric and mine
+            spread = shape.reciprocal(wi, wo) if reciprocal else energy * shape.density(o)
             value = value + dr.select(here, spread, 0)
         return value
 
     def _first(self, wi: Vector, wo: Vector, o: Vector, lobe: Lobe, above: bool) -> Array:
-        """The lobe of the outermost interface: its own where that has a closed form, else scaled from one scattering."""
+        """The lobe of the outermost interface: its own where that has a closed form."""
         interface = self.stack.interfaces[0 if above else -1]
         w = type(wi)(wi.x, wi.y, dr.abs(wi.z))
         if not interface.stochastic and not self.published:

@@ -1,8 +1,8 @@
 """How diffuse light leaves a stack: weighed, direction by direction, by what the layers above it let out.
 
-By reciprocity that is what they let in. Light from a diffuse base under a coat has the shape T(mu) mu, where T is what a
-beam that comes from there, crosses every layer down to where light becomes diffuse, and is neither reflected nor absorbed
-on the way, has left. Divided by its integral, it carries the energy that the recursion says.
+By reciprocity that is what they let in. Light from a diffuse base under a coat has the shape T(mu) mu, where T is
+what a beam that comes from there, crosses every layer down to where light becomes diffuse, and is neither reflected
+nor absorbed on the way, has left. Divided by its integral, it carries the energy that the recursion says.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 import drjit as dr
 import numpy as np
 
-from ...optics.vectors import Array, Vector, at_least
+from ...optics.vectors import Array, Vector, at_least, channels
 from ..facet_lobe import Lobe
 from .medium import Particles
 from .operators import GRAZING, Boundary
@@ -40,14 +40,26 @@ class Exit:
     def density(self, o: Vector) -> Array:
         """Per solid angle, cosine included; integrates to 1 over the side. o has z > 0."""
         if self._whole is None:
-            self._whole = sum(w * self._passing(_direction(o, c)) for c, w in _RULE)
+            self._whole = self._average(o, self._passing)
         return self._passing(o) * o.z / (dr.pi * at_least(self._whole, 1e-6))
 
     def reciprocal(self, wi: Vector, wo: Vector) -> Array:
         """The diffuse part of f |cos o| in its symmetric form: m(wi) m(wo) / (pi mean m), m the diffuse energy."""
         if self._mean is None:
-            self._mean = sum(w * self._energy(_direction(wi, c)) for c, w in _RULE)
+            self._mean = self._average(wi, self._energy)
         return self._energy(wi) * self._energy(wo) * dr.abs(wo.z) / (dr.pi * at_least(self._mean, 1e-9))
+
+    def _average(self, like: Vector, term: Any) -> Array:
+        """The mean of a function of directions, by cosine; once for all lanes where the stack is the same for them."""
+        if not self.core.uniform or dr.flag(dr.JitFlag.SymbolicScope):
+            return sum(w * term(_direction(like, c)) for c, w in _RULE)
+        number = type(like.x)
+        cos, weight = (number([row[k] for row in _RULE]) for k in (0, 1))
+        sin = dr.sqrt((1 - cos) * (1 + cos) / 2)
+        found = weight * term(type(like)(sin, sin, cos))
+        found = type(found)(*(dr.sum(c) for c in found)) if channels(found) else dr.sum(found)
+        dr.eval(found)
+        return found
 
     def _energy(self, w: Vector) -> Array:
         return self.core.answer(w, self.above).diffuse

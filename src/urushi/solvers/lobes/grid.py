@@ -11,6 +11,7 @@ import drjit as dr
 import numpy as np
 
 from ...optics.vectors import Array, at_most
+from .settled import settled
 
 
 class Grid:
@@ -30,6 +31,41 @@ class Grid:
             first += width
         self._sources: dict[type, list[Any]] = {}
 
+    def at(self, places: Sequence[Array], name: Any) -> Grid | None:
+        """The table over the remaining axes, for places along the first that are the same for all lanes; else None.
+
+        Args:
+            places: along the first axes.
+            name: of this table, to keep the result by.
+        """
+        number = type(places[0])
+        if number is float:
+            return None
+
+        def compute() -> list[Any]:
+            size = int(np.prod(self.shape[len(places) :]))
+            head = Grid.__new__(Grid)
+            head.shape, head.channels, head.packs = self.shape[: len(places)], 1, []
+            index, corners = head._corners(places, number)
+            found = []
+            for (width, _), source in zip(self.packs, self._loaded(number), strict=True):
+                lane = dr.arange(dr.uint32_array_t(number), size * width)
+                values = number(0)
+                for offset, weight in corners:
+                    values = values + weight * dr.gather(
+                        number, source, (index + offset) * (size * width) + lane
+                    )
+                found.append(values)
+            return found
+
+        sources = settled(name, places, compute)
+        if sources is None:
+            return None
+        part = Grid.__new__(Grid)
+        part.shape, part.channels, part.packs = self.shape[len(places) :], self.channels, self.packs
+        part._sources = {number: sources}
+        return part
+
     def __call__(self, places: Sequence[Array | int], like: Array) -> list[Array]:
         """Every channel.
 
@@ -38,39 +74,49 @@ class Grid:
             like: a value whose type the answer has.
         """
         number = type(like)
+        index, corners = self._corners(places, number)
+        found: list[Array] = [0.0] * self.channels
+        for offset, weight in corners:
+            values = self._fetch(index + offset, number)
+            found = [dr.fma(weight, v, total) for v, total in zip(values, found, strict=True)]
+        return found
+
+    def _corners(self, places: Sequence[Array | int], number: Any) -> tuple[Array, list[tuple[int, Array]]]:
+        """The first entry of the cell that the places lie in, and the offsets and weights of its corners."""
         scalar = number is float
         whole: Any = int if scalar else dr.uint32_array_t(number)
-        index, corners = whole(0), []
+        index, axes = whole(0), []
         stride = 1
         for n, place in zip(reversed(self.shape), reversed(places), strict=True):
             if isinstance(place, int):
-                index = index + (place if place >= 0 else n + place) * stride
+                index = index + place * stride
             else:
                 x = place * (n - 1)
                 i = at_most(whole(dr.detach(x)), n - 2)
                 index = index + i * stride
-                f = x - (float(i) if scalar else number(i))
-                corners.append((stride, f))
+                axes.append((stride, x - (float(i) if scalar else number(i))))
             stride *= n
-        found: list[Array] = [0.0] * self.channels
-        for steps in product((0, 1), repeat=len(corners)):
+        corners = []
+        for steps in product((0, 1), repeat=len(axes)):
             weight: Array = 1.0
-            for step, (_, f) in zip(steps, corners, strict=True):
+            for step, (_, f) in zip(steps, axes, strict=True):
                 weight = weight * (f if step else 1 - f)
-            at = index + sum(step * stride for step, (stride, _) in zip(steps, corners, strict=True))
-            values = self._fetch(at, number)
-            found = [dr.fma(weight, v, total) for v, total in zip(values, found, strict=True)]
-        return found
+            corners.append((sum(step * s for step, (s, _) in zip(steps, axes, strict=True)), weight))
+        return index, corners
 
-    def _fetch(self, index: Any, number: Any) -> list[Array]:
+    def _loaded(self, number: Any) -> list[Any]:
+        """The numbers of each pack, as arrays of this type."""
         if number not in self._sources:
             self._sources[number] = [
                 pack if number is float else number(np.asarray(pack, _kind(number))) for _, pack in self.packs
             ]
             if number is not float:
                 dr.eval(self._sources[number])
+        return self._sources[number]
+
+    def _fetch(self, index: Any, number: Any) -> list[Array]:
         values: list[Array] = []
-        for (width, _), source in zip(self.packs, self._sources[number], strict=True):
+        for (width, _), source in zip(self.packs, self._loaded(number), strict=True):
             if number is float:
                 values += [float(source[index * width + c]) for c in range(width)]
             elif width == 1:

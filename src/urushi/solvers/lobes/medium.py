@@ -22,6 +22,7 @@ from ...media import BoundMedium, inverse_cosine
 from ...optics.vectors import Array, at_least, at_most, channels, total
 from .flow import Flow
 from .grid import Grid
+from .settled import settled
 
 #: mean cosines of the phase functions in the table: the ends, and nodes along this and the other axes
 MEAN_COSINES = (-0.9, 0.98)
@@ -79,8 +80,7 @@ class Particles:
         lane = cos if cos is not None else like
         size = max(channels(depth), channels(albedo))
         found = [
-            self._channel(name, *(_pick(value, c) for value in (depth, albedo)), g, cos, lane)
-            for c in range(max(size, 1))
+            self._channel(name, _pick(depth, c), _pick(albedo, c), g, cos, lane) for c in range(max(size, 1))
         ]
         if not size:
             return found[0]
@@ -91,18 +91,26 @@ class Particles:
     def _channel(
         name: str, depth: Array, albedo: Array, g: Array, cos: Array | None, like: Array
     ) -> tuple[Array, Array]:
-        low, high = MEAN_COSINES
-        g = at_most(at_least(g + 0 * like, low), high)
-        depth = depth + 0 * like
-        places = [
-            (g - low) / (high - low),
-            dr.sqrt(at_least(1 - albedo + 0 * like, 1e-12)),
-            depth / (1 + depth),
-        ]
-        if cos is not None:
-            places.append(dr.sqrt(at_most(at_least(cos, 1e-8), 1)))
-        r, t = _grid(name)(places, like)
+        grid = _grid(name)
+        last = [] if cos is None else [dr.sqrt(at_most(at_least(cos, 1e-8), 1))]
+        number = type(like)
+        plain = tuple(number(value) if isinstance(value, float) else value for value in (g, albedo, depth))
+        leading = settled("slab", plain, lambda: _leading(*plain))
+        if leading is not None and not last:
+            r, t = settled((name, "even"), leading, lambda: grid(leading, number(0)))
+            return r, t
+        part = None if leading is None else grid.at(leading, name)
+        if part is not None:
+            r, t = part(last, like)
+            return r, t
+        r, t = grid([*_leading(*(value + 0 * like for value in plain)), *last], like)
         return r, t
+
+
+def _leading(g: Array, albedo: Array, depth: Array) -> list[Array]:
+    low, high = MEAN_COSINES
+    g = at_most(at_least(g, low), high)
+    return [(g - low) / (high - low), dr.sqrt(at_least(1 - albedo, 1e-12)), depth / (1 + depth)]
 
 
 def forward_width(g: Array) -> Array:

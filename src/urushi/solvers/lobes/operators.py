@@ -7,8 +7,8 @@
     total reflection  is in R and T, which are averages over the lobe (`tables`)
     diffuse         energy to the diffuse light   none left              none left
 
-s = |1 - c / (n c')| / 2, with c before and c' beyond the boundary of index ratio n: tilting a facet turns a refracted ray
-by so much of what it turns a reflected one (Belcour 2018, section 4).
+s = |1 - c / (n c')| / 2, with c before and c' beyond the boundary of index ratio n: tilting a facet turns a
+refracted ray by so much of what it turns a reflected one (Belcour 2018, section 4).
 """
 
 from __future__ import annotations
@@ -19,9 +19,11 @@ import drjit as dr
 import numpy as np
 
 from ...interfaces import BoundConductor, BoundDielectric, BoundDiffuse, Interface, Null
+from ...interfaces.base import Frame
 from ...optics.fresnel import fresnel_conductor, fresnel_dielectric
 from ...optics.vectors import Array, Vector, at_least, negate, root
 from . import tables
+from .settled import settled
 from .width import Width, mean_roughness, of_interface
 
 #: lowest cosine of a mean direction: widths are in proportion to its inverse
@@ -47,6 +49,7 @@ class Boundary:
         self.smooth = facets is None
         self.eta = self.inner.ratio(above)
         self.isotropic = True
+        self.frame: Frame = getattr(self.inner, "frame", Frame(0.0))
         if facets is None:
             self.alpha: Array = 0.0
             self.reflected: Width = 0.0
@@ -55,10 +58,9 @@ class Boundary:
         self.kind = "ggx" if facets.ggx else "beckmann", "correlated" if facets.correlated else "separable"
         x, y = facets.alpha_x, facets.alpha_y
         if self.delta is not False:
-            x, y = dr.select(self.delta, 0, x), dr.select(self.delta, 0, y)
-        self._widths = x, y
-        self.frame = self.inner.frame
+            x, y = (dr.select(self.delta, 0, alpha) for alpha in (x, y))
         self.isotropic = facets.alpha_x is facets.alpha_y
+        self._widths = x, x if self.isotropic else y
         self.alpha = x if self.isotropic else shown(x, y, self.frame.enter(wi))
         self.reflected = self.width(1.0)
 
@@ -71,8 +73,8 @@ class Boundary:
         """The width that facets of `scale` times its roughness add."""
         if self.smooth:
             return 0.0
-        x, y = (alpha * scale for alpha in self._widths)
-        return of_interface(x, y, self.frame, self.isotropic)
+        x, y = self._widths
+        return of_interface(x * scale, y * scale, self.frame, self.isotropic)
 
     def refracted(self, cos: Array) -> Array:
         """Cosine of Snell's direction beyond; 0 where there is none."""
@@ -166,7 +168,8 @@ class Boundary:
         if isinstance(self.inner, BoundConductor):
             return tables.metal_diffuse(kind, self.inner.eta, self.inner.k, self.alpha, self.full, like), 0.0
         if self.smooth:
-            r = even_fresnel(self.eta + 0 * like)
+            r = settled("even", (self.eta,), lambda: even_fresnel(self.eta))
+            r = even_fresnel(self.eta + 0 * like) if r is None else r
             return r, 1 - r
         r, t = tables.dielectric_diffuse(kind, self.eta, self.alpha, like)
         return tables.complete(r, t) if self.full else (r, t)
@@ -198,8 +201,8 @@ def shown(x: Array, y: Array, w: Vector) -> Array:
 def even_fresnel(eta: Array) -> Array:
     """Reflectance of a smooth dielectric for light that comes evenly from one side, to 1e-8.
 
-    The mean by 2 c dc over (0, 1) from the thinner side, by Gauss's rule in the root of c; from the denser side it follows
-    by reciprocity, total reflection included: 1 - R_i = (1 - R_e) / n^2.
+    The mean by 2 c dc over (0, 1) from the thinner side, by Gauss's rule in the root of c; from the denser side it
+    follows by reciprocity, total reflection included: 1 - R_i = (1 - R_e) / n^2.
     """
     n = dr.select(eta >= 1, eta, 1 / eta)
     outside: Array = 0.0

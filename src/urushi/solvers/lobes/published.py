@@ -1,8 +1,9 @@
 """The recursion as the paper prints it and its code computes it (Belcour 2018), to reproduce its images.
 
-What differs from `recursion`: reflectance from below is that from above (Stokes), the part of a lobe that is not totally
-reflected comes from the lobe of the next interface, after the fact; media only absorb and scatter forwards once; widths
-go down with the factor of going up, and refraction widens them as at normal incidence. There is no diffuse light.
+What differs from `recursion`: reflectance from below is that from above (Stokes), the part of a lobe that is not
+totally reflected comes from the lobe of the next interface, after the fact; media only absorb and scatter forwards
+once; widths go down with the factor of going up, and refraction widens them as at normal incidence. There is no
+diffuse light.
 """
 
 from __future__ import annotations

@@ -1,15 +1,15 @@
 """The adding recursion: lobe after lobe, from the side that the light comes from.
 
-Layer after layer is put below those before. What light there is above layer k, on its way down, is D_k, all bounces among
-the layers above included; the layer sends part of it back, which makes the k-th lobe, bounces between the layer and what
-lies above (U_k, from below), and gets out:
+Layer after layer is put below those before. What light there is above layer k, on its way down, is D_k, all bounces
+among the layers above included; the layer sends part of it back, which makes the k-th lobe, bounces between the
+layer and what lies above (U_k, from below), and gets out:
 
     down = (1 - U_k r)^-1 D_k        lobe k = t(U_k) r down        D_(k+1) = t down
 
-These are the adding equations (`urushi.adding`) with the sum over layers left open; energies are flows of a beam and of
-diffuse light (`flow`). U_k is itself the sum of the layers above for light that comes from below, with the direction and
-the width of *this* lobe: a wide one is totally reflected where a narrow one gets out. Whatever U_k is, as long as it loses
-nothing no light is lost.
+These are the adding equations (`urushi.adding`) with the sum over layers left open; energies are flows of a beam and
+of diffuse light (`flow`). U_k is itself the sum of the layers above for light that comes from below, with the
+direction and the width of *this* lobe: a wide one is totally reflected where a narrow one gets out. Whatever U_k is,
+as long as it loses nothing no light is lost.
 """
 
 from __future__ import annotations
@@ -89,7 +89,8 @@ def respond(stack: BoundStack, wi: Vector, above: bool, scatters: bool = True) -
     """
     order = range(len(stack.interfaces)) if above else range(len(stack.interfaces) - 1, -1, -1)
     cos = at_least(dr.abs(wi.z), GRAZING)
-    spread, steps = Spread(), []
+    spread = Spread()
+    steps: list[_Step] = []
     arriving, sharp, width = ALL, True, None
     reflected: list[Beam] = []
     diffuse: Array = 0.0

@@ -241,7 +241,8 @@ class LobesBSDF(BSDF):
                 raise UnsupportedStack("lobes", [f"there are no operators for {', '.join(unknown)}"])
             spectrum = vector_type(module, double) if numbers.coloured else number_type(module, double)
             radiance = self.mode == "radiance"
-            core = LobesCore(bound, spectrum, radiance, self.symmetric, self.published)
+            uniform = numbers.lanes == 1 and module.__name__ != "drjit.scalar"
+            core = LobesCore(bound, spectrum, radiance, self.symmetric, self.published, uniform)
             self._cores[key] = core, numbers.lanes
         return self._cores[key]
 

@@ -1,13 +1,13 @@
 """How the widths of lobes add up through a stack (Belcour 2018, section 4; the series in its equations 38, 49 to 51).
 
-All widths are those of the roughness of a mirror that would reflect as wide a lobe at the mean direction of their region.
-A projected lobe of GGX has radii in proportion to alpha cos; a flat boundary stretches projected directions by the index
-ratio n = n_below / n_above. So a width that goes up through a boundary is multiplied by
+All widths are those of the roughness of a mirror that would reflect as wide a lobe at the mean direction of their
+region. A projected lobe of GGX has radii in proportion to alpha cos; a flat boundary stretches projected directions
+by the index ratio n = n_below / n_above. So a width that goes up through a boundary is multiplied by
 
     j = n cos_below / cos_above
 
-and one that goes down by 1 / j. The paper prints, and its code computes, factors that are the inverse of these in three
-places; from three interfaces on this shows. `published=True` does as the code does.
+and one that goes down by 1 / j. The paper prints, and its code computes, factors that are the inverse of these in
+three places; from three interfaces on this shows. `published=True` does as the code does.
 """
 
 from __future__ import annotations

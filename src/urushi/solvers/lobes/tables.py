@@ -1,20 +1,21 @@
 """What rough interfaces reflect and transmit, from tables that Urushi made of its own interfaces.
 
-A table is for one distribution of normals and one masking. The light it answers for is a lobe: that of a GGX surface of
-roughness `width` around the direction of mean cosine `cos` (0: all light in one direction), since that is how light comes
-back from the layers below. So the part of a lobe that is totally reflected is in the table, and so is what Belcour's
-separate table of total reflection is for.
+A table is for one distribution of normals and one masking. The light it answers for is a lobe: that of a GGX surface
+of roughness `width` around the direction of mean cosine `cos` (0: all light in one direction), since that is how
+light comes back from the layers below. So the part of a lobe that is totally reflected is in the table, and so is
+what Belcour's separate table of total reflection is for.
 
     dielectric      side, index ratio, roughness, width, cosine -> reflectance, transmittance, mean cosines transmitted
                     and reflected
-    again           the first two of a lobe that was reflected once and sent back by a mirror as rough as made it (of GGX,
+    again           the first two of a lobe that was reflected once and sent back by a mirror as rough as made it (of
+    GGX,
                     for all distributions)
-    diffuse         side, index ratio, roughness -> reflectance and transmittance of light that comes evenly from a side
-    metal           roughness, width, cosine -> weights w_j: the reflectance is sum w_j F(c_j), whatever Fresnel's F is
-    metal diffuse   likewise for even light
-    escaping        index ratio, width, cosine -> how much of a lobe in the denser medium is not totally reflected
-    anisotropic     roughness along x, along y, cosine, squared sine of the azimuth -> what perfect mirrors reflect
-    centre          width, mean cosine -> centre of a lobe, as all others take it; `mean` is the inverse
+    diffuse         side, index ratio, roughness -> reflectance and transmittance of light that comes evenly from a
+    side metal           roughness, width, cosine -> weights w_j: the reflectance is sum w_j F(c_j), whatever
+    Fresnel's F is metal diffuse   likewise for even light escaping        index ratio, width, cosine -> how much of
+    a lobe in the denser medium is not totally reflected anisotropic     roughness along x, along y, cosine, squared
+    sine of the azimuth -> what perfect mirrors reflect centre          width, mean cosine -> centre of a lobe, as
+    all others take it; `mean` is the inverse
 
 All are for one scattering at the facets; `complete` adds what facets send to one another.
 """
@@ -31,6 +32,7 @@ from ...optics.fresnel import fresnel_conductor
 from ...optics.vectors import Array, Vector, at_least, at_most
 from . import axes
 from .grid import Grid
+from .settled import settled
 
 #: steps of the fixed-point numbers in the files
 STEP = 2.0**-14
@@ -69,8 +71,8 @@ def dielectric(
         width: roughness of the lobe that the light is; None for one direction.
         again: mean of all visits but the first, by the light that the first has reflected.
     """
-    places = _places(cos, eta, alpha, width)
-    r, t = _grid(*((COMMON, "dielectric_again") if again else (_of(kind, width), "dielectric")))(places, cos)
+    where = (COMMON, "dielectric_again") if again else (_of(kind, width), "dielectric")
+    r, t = _interface(where, cos, eta, alpha, width)
     return r, t
 
 
@@ -79,7 +81,7 @@ def mean_cosine(
 ) -> Array:
     """Mean cosine of what a rough dielectric transmits or reflects; arguments as for `dielectric`."""
     name = "transmitted" if through else "reflected"
-    return _grid(_of(kind, width), name)(_places(cos, eta, alpha, width), cos)[0]
+    return _interface((_of(kind, width), name), cos, eta, alpha, width)[0]
 
 
 def escaping(cos: Array, eta: Array, width: Array) -> Array:
@@ -102,21 +104,33 @@ def mean(cos: Array, width: Array) -> Array:
     return _grid(("lobes",), "mean")([axes.along_square(width + 0 * cos), at_most(cos, 1)], cos)[0]
 
 
-def _places(cos: Array, eta: Array, alpha: Array, width: Array | None) -> list[Array | int]:
-    return [
-        _side(eta + 0 * cos),
-        axes.along_ratio(eta + 0 * cos),
-        axes.along_square(alpha + 0 * cos),
+def _interface(
+    where: tuple[tuple[str, str], str], cos: Array, eta: Array, alpha: Array, width: Array | None
+) -> list[Array]:
+    """A table of rough dielectrics."""
+    grid = _grid(*where)
+    last: list[Array | int] = [
         0 if width is None else axes.along_square(width + 0 * cos),
         axes.along_cosine(cos, eta),
     ]
+    if isinstance(alpha, float):
+        alpha = type(cos)(alpha)
+    leading = settled("places", (eta, alpha), lambda: _leading(eta, alpha))
+    part = None if leading is None else grid.at(leading, where)
+    if part is not None:
+        return part(last, cos)
+    return grid([*_leading(eta + 0 * cos, alpha + 0 * cos), *last], cos)
+
+
+def _leading(eta: Array, alpha: Array) -> list[Array]:
+    return [_side(eta), axes.along_ratio(eta), axes.along_square(alpha)]
 
 
 def dielectric_diffuse(kind: tuple[str, str], eta: Array, alpha: Array, like: Array) -> tuple[Array, Array]:
     """Reflectance and transmittance of a rough dielectric for light that comes evenly from the side it comes from."""
-    eta, alpha = eta + 0 * like, alpha + 0 * like
-    places = [_side(eta), axes.along_ratio(eta), axes.along_square(alpha)]
-    r, t = _grid(kind, "dielectric_diffuse")(places, like)
+    grid = _grid(kind, "dielectric_diffuse")
+    found = settled((kind, "even"), (eta, alpha), lambda: grid(_leading(eta, alpha), alpha))
+    r, t = grid(_leading(eta + 0 * like, alpha + 0 * like), like) if found is None else found
     return r, t
 
 
@@ -143,12 +157,17 @@ def metal(
         full: with what its facets send to one another (Kulla & Conty 2017, with the mean reflectance of all angles).
         Others as for `dielectric`.
     """
-    places: list[Array | int] = [
-        axes.along_square(alpha + 0 * cos),
+    last: list[Array | int] = [
         0 if width is None else axes.along_square(width + 0 * cos),
         dr.sqrt(at_most(at_least(cos, 1e-8), 1)),
     ]
-    weights = _grid(_of(kind, width), "metal")(places, cos)
+    where = _of(kind, width), "metal"
+    if isinstance(alpha, float):
+        alpha = type(cos)(alpha)
+    leading = settled("rough", (alpha,), lambda: [axes.along_square(alpha)])
+    part = None if leading is None else _grid(*where).at(leading, where)
+    rough = [axes.along_square(alpha + 0 * cos)]
+    weights = _grid(*where)([*rough, *last], cos) if part is None else part(last, cos)
     return _metal(kind, weights, eta, k, alpha + 0 * cos, full)
 
 
@@ -186,7 +205,11 @@ def albedo_towards(w: Vector, alpha_x: Array, alpha_y: Array) -> Array:
 def _metal(
     kind: tuple[str, str], weights: list[Array], eta: Array, k: Array, alpha: Array, full: bool
 ) -> Array:
-    fresnel = [fresnel_conductor(c + 0 * alpha, eta, k) for c in METAL[1:]]
+    fresnel = settled(
+        "metal", (eta, k), lambda: [fresnel_conductor(type(alpha)(c), eta, k) for c in METAL[1:]]
+    )
+    if fresnel is None:
+        fresnel = [fresnel_conductor(c + 0 * alpha, eta, k) for c in METAL[1:]]
     single = weights[0] + sum(w * f for w, f in zip(weights[1:], fresnel, strict=True))
     if not full:
         return single

@@ -1,10 +1,10 @@
 """How wide a lobe is: a number that adds up.
 
-The roughness of the convolution of two GGX lobes is neither the sum of theirs nor the root of the sum of squares; it is
-well given by adding f(alpha) = alpha^1.1 / (1 - alpha^1.1) (Belcour 2018, section 5, to a few per cent below 0.3). An
-anisotropic interface has one such number along each of its axes, and interfaces turned against one another have different
-axes: then a width is a symmetric matrix f(alpha_x) x x^T + f(alpha_y) y y^T (Weier & Belcour 2020; Yamaguchi et al. 2020).
-Matrices and numbers mix: a number is a multiple of the unit matrix.
+The roughness of the convolution of two GGX lobes is neither the sum of theirs nor the root of the sum of squares; it
+is well given by adding f(alpha) = alpha^1.1 / (1 - alpha^1.1) (Belcour 2018, section 5, to a few per cent below
+0.3). An anisotropic interface has one such number along each of its axes, and interfaces turned against one another
+have different axes: then a width is a symmetric matrix f(alpha_x) x x^T + f(alpha_y) y y^T (Weier & Belcour 2020;
+Yamaguchi et al. 2020). Matrices and numbers mix: a number is a multiple of the unit matrix.
 """
 
 from __future__ import annotations
