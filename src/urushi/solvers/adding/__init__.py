@@ -24,7 +24,7 @@ from urushi.errors import UnsupportedStack, UrushiError
 from urushi.stack import Stack, Texture
 
 #: what `solve` takes besides the stack
-OPTIONS = ("accuracy", "nodes", "parameters", "backend", "precision", "mode", "progress")
+OPTIONS = ("accuracy", "nodes", "parameters", "backend", "precision", "mode", "progress", "indices")
 
 
 def reasons_against(stack: Stack) -> list[str]:
@@ -53,6 +53,7 @@ def solve(
     nodes: int | Sequence[int] | None = None,
     parameters: Mapping[str, Any] | None = None,
     progress: Any = None,
+    indices: Sequence[float] = (),
     **options: Any,
 ) -> Any:
     """Solve a stack.
@@ -63,12 +64,17 @@ def solve(
             same angle of incidence; nodes are added until two solutions agree to that.
         nodes: fixed numbers of nodes per panel instead, one for all or one for each different index; `diagnostics`
             then tells the error they leave.
-        parameters: values in place of those of the description, by name (``layer_0.alpha``): numbers or colours.
+        parameters: values in place of those of the description, by name (``layer_0.alpha``): numbers, colours, or any
+            number C of channels: (C,) values for albedo, depth, eta and so on, which then give values (N, C).
         progress: called with (nodes, error) after each refinement.
+        indices: for a result to be put on or under another by `add`: indices of refraction that the nodes are to know
+            besides those of the stack, 1 to 5 (one of its own will do). Results with the same indices and `nodes` have
+            the same nodes, and add up without error.
         **options: `backend`, `precision`, `mode`: see `urushi.solvers.adding.result.AddingBSDF`.
 
     Returns:
-        An `AddingBSDF`. Its `diagnostics` hold "nodes", "orders", "estimated_error", "accuracy", "seconds", "history".
+        An `AddingBSDF`, or with more than three channels a `ChannelsBSDF`. Its `diagnostics` hold "nodes", "orders",
+        "estimated_error", "accuracy", "seconds" and "history".
 
     Raises:
         UnsupportedStack: with the reasons; textures are for the Mitsuba plugin.
@@ -76,16 +82,21 @@ def solve(
     """
     if not (isinstance(accuracy, (int, float)) and 1e-9 <= accuracy <= 0.5):
         raise UrushiError(f"accuracy: found {accuracy!r}; allowed: a number from 1e-9 to 0.5")
-    if parameters:
-        from ..numbers import replaced
-
-        stack = replaced(stack, parameters)
-    reasons = reasons_against(stack)
-    if reasons:
-        raise UnsupportedStack("adding", reasons)
+    if not all(isinstance(n, (int, float)) and 1 <= n <= 5 for n in indices):
+        raise UrushiError(f"indices: found {indices!r}; allowed: numbers from 1 to 5")
     if "drjit" not in sys.modules:
         llvm.prepare()  # before Dr.Jit takes the first LLVM it finds
+    from ..numbers import replaced
+    from .channels import ChannelsBSDF, channels, split
     from .result import AddingBSDF
     from .whole import solution
 
-    return AddingBSDF(stack, solution(stack, accuracy, nodes, progress), **options)
+    given = parameters or {}
+    parts = []
+    for some in split(given):
+        own = replaced(stack, some) if some else stack
+        reasons = reasons_against(own)
+        if reasons:
+            raise UnsupportedStack("adding", reasons)
+        parts.append(AddingBSDF(own, solution(own, accuracy, nodes, progress, tuple(indices)), **options))
+    return parts[0] if channels(given) <= 3 else ChannelsBSDF(stack, parts, channels(given))

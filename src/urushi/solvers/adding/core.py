@@ -89,7 +89,7 @@ class Closed:
     """
 
     def __init__(self, stack: BoundStack, solution: Solution) -> None:
-        self.stack = stack
+        self.stack, self.colours = stack, solution.colours
         self.interface = solution.closed_form is not None and direct_is_certain(stack)
         self.once = None
         sides = [(True, True)] if stack.opaque else SIDES
@@ -121,7 +121,8 @@ class Closed:
             value = value + self.once.eval(wi, wo)
         if self.interface and from_above != to_above:
             value = value + direct(self.stack, wi, wo)
-        return np.atleast_2d(np.array(value))
+        found = np.atleast_2d(np.array(value))  # grey where what has a closed form is
+        return np.broadcast_to(found, (self.colours, found.shape[1]))
 
 
 class AddingCore:
@@ -158,7 +159,7 @@ class AddingCore:
         self.above = prepared.cells.counts[0]
         self.totals = Lookup(prepared.totals, number)
         self.peaks = Lookup(prepared.cells.peak, number)
-        self.delta = has_delta(stack)
+        self.has_delta = has_delta(stack)
 
     # --- values ------------------------------------------------------------------------------------------------
 
@@ -187,7 +188,7 @@ class AddingCore:
 
     def delta_chances(self, wi: Vector) -> tuple[Array, Array]:
         """Probabilities that `sample` takes the mirror direction, and Snell's."""
-        mixture = self.proposal.mixture(wi, self._delta(wi), self._faces(wi))
+        mixture = self.proposal.mixture(wi, self.delta(wi), self._faces(wi))
         return mixture.mirror, mixture.straight
 
     def finished(self, value: Array) -> Array:
@@ -196,9 +197,9 @@ class AddingCore:
 
     def peak(self, wi: Vector) -> Array:
         """The largest f that the nodes around wi know, in flux (no factor of radiance)."""
-        (one, two), t = self.proposal.around(dr.detach(wi))
+        (one, two), _ = self.proposal.around(dr.detach(wi))
         n = self.colours
-        rows = [at_least((1 - t) * self.peaks[one * n + c], t * self.peaks[two * n + c]) for c in range(n)]
+        rows = [at_least(self.peaks[one * n + c], self.peaks[two * n + c]) for c in range(n)]
         return self.finished(self._colour(rows))
 
     def reflectance(self, wi: Vector) -> Array:
@@ -233,20 +234,21 @@ class AddingCore:
     def pdf(self, wi: Vector, wo: Vector) -> Array:
         """Density of `sample`, per solid angle, without the delta parts."""
         wi, wo = dr.detach(wi), dr.detach(wo)
-        return self.proposal.pdf(self.proposal.mixture(wi, self._delta(wi), self._faces(wi)), wi, wo)
+        return self.proposal.pdf(self.proposal.mixture(wi, self.delta(wi), self._faces(wi)), wi, wo)
 
     def sample(self, wi: Vector, u: Vector) -> tuple[Vector, Array, Array, Any]:
         """(wo, density or probability, what a delta part carries in flux, mask of delta lanes)."""
         wi = dr.detach(wi)
-        delta = self._delta(wi)
+        delta = self.delta(wi)
         mixture = self.proposal.mixture(wi, delta, self._faces(wi))
         wo, probability, carried, is_delta = self.proposal.sample(mixture, wi, u, delta)
         density = self.proposal.pdf(mixture, wi, wo)
         return wo, dr.select(is_delta, probability, density), carried, is_delta
 
-    def _delta(self, wi: Vector) -> Delta:
+    def delta(self, wi: Vector) -> Delta:
+        """The delta parts for light from wi."""
         mirrored = type(wi)(-wi.x, -wi.y, wi.z)
-        if not self.delta:
+        if not self.has_delta:
             return Delta(0 * wi.x, 0 * wi.x, mirrored, None)
         reflected, transmitted = smooth_energy(self.stack, wi)
         return Delta(

@@ -226,6 +226,24 @@ class AddingBSDF(BSDF):
         found = wo, _repeated(weight), pdf, delta > 0.5
         return Sample(*((x[0] for x in found) if np.ndim(wi) == np.ndim(u) == 1 else found))
 
+    def delta_parts(self, wi: np.ndarray) -> tuple[np.ndarray, np.ndarray, tuple[np.ndarray, np.ndarray]]:
+        """What `sample` knows of the delta parts.
+
+        Args:
+            wi: (N, 3) directions.
+
+        Returns:
+            probabilities of the mirror direction and of Snell's (N,), and what each carries, (N, 3), as `mode` has it.
+        """
+
+        def run(core: AddingCore, a: Any) -> tuple[Any, ...]:
+            delta, (mirror, straight) = core.delta(a), core.delta_chances(a)
+            passed = delta.transmitted * core.scale(a, -a)
+            return mirror, straight, delta.reflected + 0 * a.x, passed + 0 * a.x
+
+        mirror, straight, reflected, transmitted = self._map(run, (directions(wi, "wi"),))
+        return mirror, straight, (_repeated(reflected), _repeated(transmitted))
+
     # --- how it runs -------------------------------------------------------------------------------------------
 
     def _flux(self, wi: Any, question: Any, with_error: bool) -> Any:
