@@ -35,26 +35,27 @@ from urushi.stack import (
 _llvm.prepare()  # Dr.Jit takes the first LLVM it finds when it is imported, which may be one too old to work
 
 if TYPE_CHECKING:
-    from urushi.solvers import solve
+    from urushi.solvers import add, solve
 
 __version__ = "0.1.0"
 
 # fmt: off
 __all__ = [
     "Conductor", "Dielectric", "Diffuse", "HenyeyGreenstein", "Isotropic", "MaterialError", "Medium", "Rayleigh",
-    "Stack", "Tabulated", "Texture", "UnsupportedStack", "UrushiError", "load", "presets", "save", "schema", "solve",
+    "Stack", "Tabulated", "Texture", "UnsupportedStack", "UrushiError", "add", "load", "presets", "save", "schema",
+    "solve",
 ]
 # fmt: on
 
 
 def __getattr__(name: str) -> Any:
     """Names that live in heavier modules, imported on first use."""
-    if name == "solve":
-        from urushi.solvers import solve
+    if name in ("add", "solve"):
+        from urushi import solvers
 
-        return solve
+        return getattr(solvers, name)
     raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
 
 
 def __dir__() -> list[str]:
-    return sorted([*globals(), "solve"])
+    return sorted([*globals(), "add", "solve"])

@@ -28,7 +28,7 @@ SOLVERS = {"walk": "urushi.solvers.walk", "adding": "urushi.solvers.adding"}
 #: methods that the names of this package already speak of, and that come in later versions
 PLANNED = ("lobes",)
 
-__all__ = ["BSDF", "PLANNED", "SOLVERS", "Sample", "solve"]
+__all__ = ["BSDF", "PLANNED", "SOLVERS", "Sample", "add", "solve"]
 
 
 def solve(stack: Stack | str | os.PathLike[str], method: str = "auto", **options: Any) -> BSDF:
@@ -66,6 +66,26 @@ def solve(stack: Stack | str | os.PathLike[str], method: str = "auto", **options
         raise UrushiError(f"method: found {method!r}; allowed: {', '.join([*SOLVERS, 'auto'])}{hint}")
     _check_options(method, options)
     return _module(method).solve(stack, **options)
+
+
+def add(coat: BSDF, base: BSDF, **options: Any) -> BSDF:
+    """A solved coat on a solved base, without solving either anew (method "adding").
+
+    Args:
+        coat: the result of a stack that transmits, solved with `indices`.
+        base: likewise, of any stack whose exterior is the index at the coat's lower end.
+        **options: `backend`, `precision`, `mode`, of the result.
+
+    Returns:
+        The BSDF of both (`urushi.solvers.adding.compose.put_on`).
+
+    Raises:
+        UrushiError: results of another method or solved without `indices`, an opaque coat, indices or channels that
+            do not fit.
+    """
+    from .adding.compose import put_on
+
+    return put_on(coat, base, **options)  # type: ignore[arg-type]
 
 
 def _check_options(method: str, options: dict[str, Any]) -> None:

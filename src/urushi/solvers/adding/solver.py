@@ -41,7 +41,12 @@ class Found:
 
 
 def solve_on(
-    stack: BoundStack, grid: Grid, layers: Sequence[Layer], colours: int, tolerance: float
+    stack: BoundStack,
+    grid: Grid,
+    layers: Sequence[Layer],
+    colours: int,
+    tolerance: float,
+    complete: bool = False,
 ) -> Solution:
     """Solve a stack on given nodes.
 
@@ -51,6 +56,8 @@ def solve_on(
         layers: top to bottom, as `bound` orders them: interface, medium (where there is one), interface, ...
         colours: C.
         tolerance: orders that hold less than this, relative to the largest of their kind, end the search.
+        complete: look for orders of what has a closed form as well: the BSDF needs none, but other layers on or below
+            this stack do.
 
     Returns:
         the solution; its diagnostics name the sizes only.
@@ -76,15 +83,16 @@ def solve_on(
                 dense = closed.dense * -1 if dense is None else dense - closed.dense
             if dense is not None:
                 blocks[side].append(_block(orders, found.first, dense, colours))
-                height = max(height, float(np.abs(dense * weight[side]).max(initial=0.0)))
+                counted = operator.dense if complete and operator.dense is not None else dense
+                height = max(height, float(np.abs(counted * weight[side]).max(initial=0.0)))
         used = orders.stop
         largest = max(largest, height)
         quiet = quiet + len(orders) if height <= tolerance * largest else 0
         if quiet >= 4:
             break
     parts = {side: Part(*side, delta.get(side), blocks[side], rest[side]) for side in sides}
-    sizes = {"nodes": len(grid.s), "orders": used}
-    return Solution(grid, parts, _closed_form(stack), colours, sizes)
+    sizes = {"nodes": len(grid.s), "orders": used, "complete": complete}
+    return Solution(grid, parts, closed_form(stack), colours, sizes)
 
 
 def _first(layers: Sequence[Layer], orders: range) -> int:
@@ -173,7 +181,8 @@ def _coloured(delta: np.ndarray | None, colours: int) -> np.ndarray | None:
     return None if delta is None else np.broadcast_to(delta, (colours, delta.shape[1]))
 
 
-def _closed_form(stack: BoundStack) -> str | None:
+def closed_form(stack: BoundStack) -> str | None:
+    """What the BSDF of a stack adds exactly: see `Solution.closed_form`."""
     if any(once.covers(stack, above, above) for above in ((True,) if stack.opaque else (True, False))):
         return "single"
     return "interface" if direct_is_certain(stack) else None
