@@ -7,9 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-import urushi as ur
 from lanes import DOUBLE, SINGLE, Lanes, both_precisions, direction, needs_llvm
-from outside import cases
 from urushi.solvers.adding.basis import Grid
 from urushi.solvers.adding.solution import Block, Part, Solution
 from urushi.solvers.adding.stencil import Stencils, away_and_toward
@@ -194,23 +192,6 @@ def test_reciprocity_between_different_indices() -> None:
     there = np.array(found.eval(DOUBLE.vectors(w), DOUBLE.vectors(low))[0]) / (np.abs(low[:, 2]) * 1.5**2)
     back = np.array(found.eval(DOUBLE.vectors(low), DOUBLE.vectors(w))[0]) / w[:, 2]
     assert np.allclose(there, back, rtol=1e-9, atol=1e-12) and there.max() > 0.01
-
-
-def test_angles_of_slabs_by_discrete_ordinates() -> None:
-    """Angular values of an independent program, to 1e-4 absolute (24 nodes, single scattering in closed form)."""
-    worst = 0.0
-    for case in cases("slab_disort")[::3]:
-        phase = ur.HenyeyGreenstein(g=case["g"])
-        stack = ur.Stack(layers=[ur.Medium(depth=case["tau"], albedo=case["omega"], phase=phase)])
-        bsdf = ur.solve(stack, "adding", nodes=24)
-        mu, phi = (m.ravel() for m in np.meshgrid(case["mus"], case["phis"], indexing="ij"))
-        wi = direction(case["mu0"], np.pi)
-        for key, side in (("brdf", 1), ("btdf", -1)):
-            f = bsdf.eval(wi, direction(mu, phi) * (1, 1, side))[:, 0] / mu
-            worst = max(worst, float(np.abs(f - np.ravel(case[key])).max()))
-        assert abs(bsdf.reflectance(wi)[0] - case["R"]) < 1e-4
-        assert abs(bsdf.transmittance(wi)[0] - case["T"]) < 1e-4
-    assert worst < 1e-4
 
 
 def test_single_precision_near_the_mirror_direction() -> None:

@@ -1,9 +1,9 @@
 """Importance sampling with a density that is known exactly.
 
-A mixture: the delta parts, with probabilities as the luminance they carry; the lobe of the outermost interface, where
-that has a closed form; the hats of the two incident nodes around wi (`cells`), each by its distance; and a little of a
-cosine lobe on every side, so that no direction is left out. Like f itself the density is continuous, but for what
-passes between the media of a stack.
+A mixture, in proportion to flux (the factor of radiance comes and goes as light enters a material and leaves it): the
+delta parts, with probabilities as the luminance they carry; the lobe of the outermost interface, where that has a
+closed form; the hats of the two incident nodes around wi (`cells`), each by its distance; and a little of a cosine lobe
+on every side, so that no direction is left out. Like f itself the density is continuous on either side.
 """
 
 from __future__ import annotations

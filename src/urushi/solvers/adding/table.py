@@ -42,7 +42,15 @@ class Series:
         self.parts = [key for key in SIDES if key in solution.parts]
         error = solution.diagnostics.get("estimated_error")
         tolerance = UNKNOWN if error is None else min(max(SHARE * error, LEAST), MOST)
-        fitted = [_fitted(solution, solution.parts[key], tolerance) for key in self.parts]
+        fitted: list[tuple[np.ndarray, np.ndarray, float]] = []
+        for key in self.parts:
+            blocks, shape = _blocks(solution, solution.parts[key])
+            if key == (False, True) and _reversed(blocks, _blocks(solution, solution.parts[True, False])[0]):
+                # The same q the other way, to the last digit: reciprocity is not left to the choice of widths.
+                values, width, error = fitted[self.parts.index((True, False))]
+                fitted.append((values.transpose(1, 0, 2, 3), width.T, error))
+            else:
+                fitted.append(warp.fit(blocks, shape, tolerance))
         self.terms = max(found[0].shape[-1] for found in fitted)
         self.values = [np.pad(v, ((0, 0),) * 3 + ((0, self.terms - v.shape[-1]),)) for v, _, _ in fitted]
         self.width = [width for _, width, _ in fitted]
@@ -141,7 +149,8 @@ class Table:
         return value if isinstance(like, bool) else dr.uint32_array_t(type(like))(value)
 
 
-def _fitted(solution: Solution, part: Part, tolerance: float) -> tuple[np.ndarray, np.ndarray, float]:
+def _blocks(solution: Solution, part: Part) -> tuple[list[Block], tuple[int, int, int]]:
+    """A part as cosine series of q, and its shape (C, n_out, n_in)."""
     grid = solution.grid
     region_i, region_o = (0 if part.from_above else -1), (0 if part.to_above else -1)
     mu_i, mu_o = grid.mu[region_i], grid.mu[region_o]
@@ -157,4 +166,15 @@ def _fitted(solution: Solution, part: Part, tolerance: float) -> tuple[np.ndarra
         )
         for block in part.blocks
     ]
-    return warp.fit(blocks, (solution.colours, len(mu_o), len(mu_i)), tolerance)
+    return blocks, (solution.colours, len(mu_o), len(mu_i))
+
+
+def _reversed(up: list[Block], down: list[Block]) -> bool:
+    """Whether two parts are the same q seen both ways, as reciprocity has it."""
+    if [(b.orders, b.first) for b in up] != [(b.orders, b.first) for b in down]:
+        return False
+    most = max((float(np.abs(block.values).max(initial=0)) for block in down), default=0.0)
+    return all(
+        np.allclose(a.values, np.swapaxes(b.values, 2, 3), rtol=0, atol=1e-7 * most)
+        for a, b in zip(up, down, strict=True)
+    )
