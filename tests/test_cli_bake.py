@@ -1,0 +1,129 @@
+"""`urushi bake`: what it writes, its exit status, and that an interrupted bake goes on where it stopped."""
+
+from __future__ import annotations
+
+import sys
+
+import numpy as np
+import pytest
+
+import urushi as ur
+from outside import degrees
+from urushi import cli
+from urushi.adapters import fourier, native
+from urushi.cli import common
+from urushi.solvers.adding import whole
+
+MATERIAL = """\
+urushi: 1
+name: varnish
+layers:
+  - dielectric: {ior: 1.5, alpha: 0.4}
+  - diffuse: {reflectance: [0.5, 0.3, 0.1]}
+"""
+
+
+@pytest.fixture
+def run(monkeypatch, capsys, tmp_path):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "varnish.yaml").write_text(MATERIAL)
+    (tmp_path / "smooth.yaml").write_text(MATERIAL.replace(", alpha: 0.4", ""))
+    (tmp_path / "brushed.yaml").write_text(MATERIAL.replace("0.4", "[0.1, 0.4]"))
+
+    def run(*args):
+        monkeypatch.setattr(sys, "argv", ["urushi", "bake", *args])
+        monkeypatch.setattr(common, "DEBUG", False)
+        status = 0
+        try:
+            cli.main()
+        except SystemExit as end:
+            status = int(end.code or 0)
+        text = capsys.readouterr()
+        return status, text.out, text.err
+
+    return run
+
+
+def names(folder):
+    return sorted(p.name for p in folder.iterdir() if p.suffix != ".yaml")
+
+
+def test_a_native_file_is_written_and_replaced(run, tmp_path):
+    (tmp_path / "v.urushi.npz").write_bytes(b"old")
+    status, out, err = run("varnish.yaml", "-o", "v.urushi.npz", "--accuracy", "0.02")
+    assert (status, err) == (0, "") and "wrote v.urushi.npz" in out
+    bsdf = native.load(tmp_path / "v.urushi.npz")
+    assert bsdf.stack == ur.load(tmp_path / "varnish.yaml")
+    assert bsdf.diagnostics["estimated_error"] <= 0.02
+    assert names(tmp_path) == ["v.urushi.npz"]
+
+
+def test_a_fourier_file_is_written(run, tmp_path):
+    status, _, err = run("varnish.yaml", "-o", "v.bsdf", "--nodes", "12", "--accuracy", "0.02")
+    assert (status, err) == (0, "")
+    table = fourier.read_fourier(tmp_path / "v.bsdf")
+    bsdf = ur.solve(ur.load(tmp_path / "varnish.yaml"), "adding", nodes=12, accuracy=0.02)
+    wi, wo = degrees(30), degrees(30, 180)
+    assert np.allclose(fourier.evaluate(table, wi, wo), bsdf.eval(wi, wo), rtol=0.05)
+    assert names(tmp_path) == ["v.bsdf"]
+
+
+@pytest.mark.parametrize(
+    ("args", "said"),
+    [
+        (["-o", "v.exr"], ".urushi.npz"),
+        (["-o", "v.npz"], ".urushi.npz"),
+        (["-o", "v.bsdf", "--accuracy", "0"], "--accuracy"),
+        (["-o", "v.bsdf", "--nodes", "1"], "--nodes"),
+        (["-o", "v.urushi.npz", "--delta", "omit"], "--delta"),
+    ],
+)
+def test_wrong_usage_is_found_before_anything_is_solved(run, tmp_path, monkeypatch, args, said):
+    monkeypatch.setattr(whole, "solution", None)
+    status, _, err = run("varnish.yaml", *args)
+    assert status == 2 and said in err and names(tmp_path) == []
+
+
+@pytest.mark.parametrize(
+    ("material", "said"), [("smooth.yaml", "delta='omit'"), ("brushed.yaml", "anisotropic")]
+)
+def test_what_cannot_be_baked_is_said(run, tmp_path, material, said):
+    status, _, err = run(material, "-o", "v.bsdf", "--nodes", "12")
+    assert status == 1 and said in err and "v.bsdf" not in names(tmp_path)
+
+
+def test_an_interrupted_bake_goes_on_where_it_stopped(run, tmp_path, monkeypatch):
+    """Refinements that were finished are not solved again; those of another bake, and damaged ones, are no use."""
+    solved = []
+    solve_on = whole.solve_on
+
+    def counted(*args):
+        if len(solved) == stop:
+            raise KeyboardInterrupt
+        solved.append(len(args[1].s))
+        return solve_on(*args)
+
+    monkeypatch.setattr(whole, "solve_on", counted)
+    stop = 1
+    command = ["varnish.yaml", "-o", "v.urushi.npz", "--accuracy", "0.005"]
+    status, _, err = run(*command)
+    assert status == cli.INTERRUPTED and "goes on from there" in err
+    (part,) = names(tmp_path)
+    assert part.endswith(".part")
+    solved.clear()
+    stop = None
+    run("varnish.yaml", "-o", "v.urushi.npz", "--accuracy", "0.01")
+    anew = list(solved)
+    assert names(tmp_path) == [part, "v.urushi.npz"]  # another accuracy: nothing of it is used
+    solved.clear()
+    content = (tmp_path / part).read_bytes()
+    status, _, _ = run(*command)
+    assert status == 0 and names(tmp_path) == ["v.urushi.npz"]
+    resumed = list(solved)
+    assert anew[0] not in resumed and len(resumed) > 0
+    solved.clear()
+    (tmp_path / part).write_bytes(content[:100])
+    assert run(*command)[0] == 0
+    assert solved == [anew[0], *resumed] and names(tmp_path) == ["v.urushi.npz"]
+    again = native.load(tmp_path / "v.urushi.npz")
+    assert again.diagnostics["estimated_error"] <= 0.005
