@@ -24,23 +24,23 @@ def _lane(value: float):
 def _dielectric(eta: float, alpha: float):
     from urushi.optics.fresnel import fresnel_dielectric
     from urushi.solvers.lobes.published import Layer
-    from urushi.solvers.lobes.width import additive
+    from urushi.solvers.lobes.width import PUBLISHED
 
     return Layer(
         lambda cos, _: fresnel_dielectric(cos, eta, 1 / eta)[0],
         eta=eta,
-        width=lambda scale: additive(_lane(alpha) * scale),
+        width=lambda scale: PUBLISHED.additive(_lane(alpha) * scale),
     )
 
 
 def _metal(eta: float, k: float, alpha: float):
     from urushi.optics.fresnel import fresnel_conductor
     from urushi.solvers.lobes.published import Layer
-    from urushi.solvers.lobes.width import additive
+    from urushi.solvers.lobes.width import PUBLISHED
 
     return Layer(
         lambda cos, _: fresnel_conductor(cos, eta, k),
-        width=lambda scale: additive(_lane(alpha) * scale),
+        width=lambda scale: PUBLISHED.additive(_lane(alpha) * scale),
         opaque=True,
     )
 
@@ -48,13 +48,13 @@ def _metal(eta: float, k: float, alpha: float):
 def _numbers(layers: list, cos: float, **options: bool) -> tuple[np.ndarray, np.ndarray]:
     """Coefficients and roughnesses of the lobes."""
     from urushi.solvers.lobes.published import add_up
-    from urushi.solvers.lobes.width import roughness
+    from urushi.solvers.lobes.width import PUBLISHED
 
     lobes, _ = add_up(layers, _lane(cos), **options)
     zero = _lane(0)
     return (
         np.array([np.array(energy + zero)[0] for energy, _ in lobes]),
-        np.array([np.array(roughness(width + zero))[0] for _, width in lobes]),
+        np.array([np.array(PUBLISHED.roughness(width + zero))[0] for _, width in lobes]),
     )
 
 
@@ -97,12 +97,31 @@ def test_three_interfaces_and_both_jacobians() -> None:
 
 
 def test_width_and_roughness_are_inverse() -> None:
-    from urushi.solvers.lobes.width import additive, roughness
+    from urushi.solvers.lobes.width import OURS, PUBLISHED
 
     alpha = np.array([0.0, 1e-4, 0.01, 0.1, 0.5, 0.9])
-    width = [np.array(additive(_lane(a)))[0] for a in alpha]
+    width = [np.array(PUBLISHED.additive(_lane(a)))[0] for a in alpha]
     np.testing.assert_allclose(width[2:5], [0.0063492, 0.0863, 0.8745], rtol=1e-3)
-    np.testing.assert_allclose([np.array(roughness(_lane(w)))[0] for w in width], alpha, atol=1e-9)
+    for scale in (OURS, PUBLISHED):
+        width = [np.array(scale.additive(_lane(a)))[0] for a in alpha]
+        np.testing.assert_allclose([np.array(scale.roughness(_lane(w)))[0] for w in width], alpha, atol=1e-9)
+
+
+@pytest.mark.parametrize(
+    "alphas", [(0.05, 0.05), (0.02, 0.1), (0.1, 0.3), (0.3, 0.3), (0.05, 0.05, 0.05), (0.02, 0.05, 0.1, 0.2)]
+)
+def test_widths_add_as_slopes_do(alphas: tuple[float, ...], rng: np.random.Generator) -> None:
+    """The median of the sum of GGX slopes, against the roughness of the sum of their widths."""
+    from urushi.solvers.lobes.width import OURS
+
+    count = 200_000
+    total = np.zeros((count, 2))
+    for alpha in alphas:
+        u, phi = rng.random(count), 2 * np.pi * rng.random(count)
+        total += (alpha * np.sqrt(u / (1 - u)) * np.array([np.cos(phi), np.sin(phi)])).T
+    median = np.median(np.linalg.norm(total, axis=1))  # of one GGX slope it is alpha
+    width = sum(np.array(OURS.additive(_lane(alpha)))[0] for alpha in alphas)
+    assert np.array(OURS.roughness(_lane(width)))[0] == pytest.approx(median, rel=0.04)
 
 
 @pytest.mark.parametrize("turn", [0.0, 20.0, 90.0, 130.0])

@@ -121,8 +121,10 @@ def spreading(cos: np.ndarray, along: Callable, eta: float, roughness: float) ->
 
 def at_roughness(kernels: list[np.ndarray], alpha: float, width: float) -> np.ndarray:
     """What a round trip below an interface of roughness `alpha` does, over a base that made a lobe of `width`."""
-    f = sum(min(x, 0.9999) ** 1.1 / (1 - min(x, 0.9999) ** 1.1) for x in (alpha, width))
-    x = np.sqrt((f / (1 + f)) ** (1 / 1.1)) * (len(KERNELS) - 1)
+    from urushi.solvers.lobes.width import OURS
+
+    alpha = min((alpha**OURS.power + width**OURS.power) ** (1 / OURS.power), 1)
+    x = np.sqrt(alpha) * (len(KERNELS) - 1)
     i = min(int(x), len(KERNELS) - 2)
     return np.asarray((1 - x + i) * kernels[i] + (x - i) * kernels[i + 1])
 

@@ -51,17 +51,17 @@ def along_cosine(cos: Array, eta: Array) -> Array:
     """u of a cosine."""
     excess = dr.square(cos) - (1 - dr.square(eta))
     critical = at_least(1 - dr.square(eta), 1e-12)
-    beyond = at_most(root(excess) / eta, 1)
-    within = at_most(root(-excess / critical), 1)
+    beyond = at_most(root(excess) / eta, 1.0)
+    within = at_most(root(-excess / critical), 1.0)
     inside = 0.5 + 0.5 * dr.select(excess > 0, beyond, -within)
     return dr.select(eta >= 1, root(cos), inside)
 
 
 def along_square(value: Array) -> Array:
     """u of a roughness or a width; its slope stays finite at 0."""
-    return at_most(dr.sqrt(at_least(value, 1e-12)), 1)
+    return at_most(dr.sqrt(at_least(value, 1e-12)), 1.0)
 
 
 def along_ratio(eta: Array) -> Array:
     """u of an index ratio, from either side."""
-    return at_most(dr.abs(eta - 1) / ((eta + 1) * REACH), 1)
+    return at_most(dr.abs(eta - 1) / ((eta + 1) * REACH), 1.0)

@@ -105,13 +105,14 @@ class LobesCore:
         outermost = 0 if above else len(self.stack.interfaces) - 1
         lobes: list[Lobe] = []
         first: Lobe | None = None
-        for k, beam in enumerate(answer.reflected):
-            unscattered = beam if still is None else still.reflected[k]
+        alone = {} if still is None else {beam.layer: beam for beam in still.reflected}
+        for beam in answer.reflected:
+            unscattered = alone.get(beam.layer, beam)
             if beam.layer == outermost:
                 if unscattered.sharp is not True:
-                    first = _lobe(unscattered, axis, True, "reflected")
+                    first = self._lobe(unscattered, axis, True, "reflected")
                 continue
-            lobes += _both(beam, unscattered if still is not None else None, axis, True, "reflected")
+            lobes += self._split(beam, None if still is None else unscattered, axis, True, "reflected")
         if answer.through is not None:
             through = axis
             ratio = self.stack.indices[0] / self.stack.indices[-1]
@@ -120,10 +121,28 @@ class LobesCore:
             tilt = at_most(ratio, 0.999999 / sin)
             z = dr.sqrt(at_least(1 - dr.square(sin * tilt), 1e-12))
             through = type(wi)(wi.x * tilt, wi.y * tilt, z)
-            lobes += _both(
-                answer.through, still.through if still is not None else None, through, False, "transmitted"
-            )
+            unscattered_through = None if still is None else still.through
+            lobes += self._split(answer.through, unscattered_through, through, False, "transmitted")
         return Found(lobes, first, answer.diffuse, answer.beyond)
+
+    def _lobe(self, beam: Beam, axis: Vector, same: bool, kind: str) -> Lobe:
+        x, y, frame = widths.axes(beam.width, widths.PUBLISHED if self.published else widths.OURS)
+        energy = beam.energy if beam.sharp is False else dr.select(beam.sharp, 0, beam.energy)
+        wide_x = at_least(x + 0 * axis.x, NARROWEST)
+        wide_y = wide_x if x is y else at_least(y + 0 * axis.x, NARROWEST)
+        return Lobe(energy, axis, wide_x, wide_y, frame, same, beam.layer, kind)
+
+    def _split(self, beam: Beam, unscattered: Beam | None, axis: Vector, same: bool, kind: str) -> list[Lobe]:
+        """The lobe of an interface; with media that scatter forwards, what these did not touch and what they did."""
+        if unscattered is None:
+            return [] if beam.sharp is True else [self._lobe(beam, axis, same, kind)]
+        lobes = [] if unscattered.sharp is True else [self._lobe(unscattered, axis, same, kind)]
+        a, b = mean(beam.energy), mean(unscattered.energy)
+        share = 1 / at_least(a - b, 1e-9)
+        wide = widths.plus(beam.width * (a * share), unscattered.width * (-b * share))
+        rest = dr.select(a - b > 1e-9, at_least(beam.energy - unscattered.energy, 0), 0)
+        scattered = Beam(rest, widths.at_least_zero(wide), beam.cos, False, beam.layer)
+        return [*lobes, self._lobe(scattered, axis, same, "forward")]
 
     # --- values ----------------------------------------------------------------------------------------------------
 
@@ -220,7 +239,7 @@ class LobesCore:
 def symmetric_direction(wi: Vector, wo: Vector) -> Vector:
     """The direction from which a facet between both sees either: its cosine, in the azimuth of their difference."""
     h = dr.normalize(wi + wo)
-    cos = at_most(dr.abs(dr.dot(h, wo)), 1)
+    cos = at_most(dr.abs(dr.dot(h, wo)), 1.0)
     x, y = wi.x - wo.x, wi.y - wo.y
     scale = dr.sqrt(at_least(1 - dr.square(cos), 0)) * dr.rsqrt(at_least(dr.square(x) + dr.square(y), 1e-12))
     return type(wi)(x * scale, y * scale, cos)
@@ -233,25 +252,3 @@ def mean(value: Array) -> Array:
 
 def _nothing(value: Array) -> bool:
     return isinstance(value, float) and value == 0
-
-
-def _lobe(beam: Beam, axis: Vector, same: bool, kind: str) -> Lobe:
-    x, y, frame = widths.axes(beam.width)
-    energy = beam.energy if beam.sharp is False else dr.select(beam.sharp, 0, beam.energy)
-    wide_x = at_least(x + 0 * axis.x, NARROWEST)
-    wide_y = wide_x if x is y else at_least(y + 0 * axis.x, NARROWEST)
-    return Lobe(energy, axis, wide_x, wide_y, frame, same, beam.layer, kind)
-
-
-def _both(beam: Beam, unscattered: Beam | None, axis: Vector, same: bool, kind: str) -> list[Lobe]:
-    """The lobe of an interface; with media that scatter forwards, what these did not touch and what they did."""
-    if unscattered is None:
-        return [] if beam.sharp is True else [_lobe(beam, axis, same, kind)]
-    lobes = [] if unscattered.sharp is True else [_lobe(unscattered, axis, same, kind)]
-    rest = beam.energy - unscattered.energy
-    a, b = mean(beam.energy), mean(unscattered.energy)
-    share = 1 / at_least(a - b, 1e-9)
-    wide = widths.plus(beam.width * (a * share), unscattered.width * (-b * share))
-    rest = dr.select(a - b > 1e-9, at_least(rest, 0), 0)
-    scattered = Beam(rest, widths.at_least_zero(wide), beam.cos, False, beam.layer)
-    return [*lobes, _lobe(scattered, axis, same, "forward")]

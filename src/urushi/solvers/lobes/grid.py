@@ -70,7 +70,7 @@ class Grid:
         """Every channel.
 
         Args:
-            places: along each axis u in [0, 1], or a whole number that names a node.
+            places: along each axis u in [0, 1], or an `int` that names a node.
             like: a value whose type the answer has.
         """
         number = type(like)

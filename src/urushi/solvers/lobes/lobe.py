@@ -60,7 +60,7 @@ class Lobe:
 
     def _albedo(self, w: Vector) -> Array:
         if self.alpha_x is self.alpha_y:
-            return tables.albedo(at_most(w.z, 1), self.alpha_x, w.z)
+            return tables.albedo(at_most(w.z, 1.0), self.alpha_x, w.z)
         return tables.albedo_towards(w, self.alpha_x, self.alpha_y)
 
     def sampler(self, share: Array, up: bool) -> Any:

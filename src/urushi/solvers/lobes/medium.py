@@ -23,6 +23,7 @@ from ...optics.vectors import Array, at_least, at_most, channels, total
 from .flow import Flow
 from .grid import Grid
 from .settled import settled
+from .width import OURS, PUBLISHED
 
 #: mean cosines of the phase functions in the table: the ends, and nodes along this and the other axes
 MEAN_COSINES = (-0.9, 0.98)
@@ -43,7 +44,7 @@ class Particles:
         g = getattr(medium.phase, "g", 0.0)
         self.g = g
         self.forward = dr.select(g > 0, dr.square(g), 0.0)
-        self.spread = forward_width(g)
+        self.spread = OURS.additive(PUBLISHED.roughness(forward_width(g)))
 
     def passed(self, cos: Array) -> tuple[Array, Array]:
         """What stays a beam under the cosine, and the width that this adds in the mean."""
@@ -92,7 +93,7 @@ class Particles:
         name: str, depth: Array, albedo: Array, g: Array, cos: Array | None, like: Array
     ) -> tuple[Array, Array]:
         grid = _grid(name)
-        last = [] if cos is None else [dr.sqrt(at_most(at_least(cos, 1e-8), 1))]
+        last = [] if cos is None else [dr.sqrt(at_most(at_least(cos, 1e-8), 1.0))]
         number = type(like)
         plain = tuple(number(value) if isinstance(value, float) else value for value in (g, albedo, depth))
         leading = settled("slab", plain, lambda: _leading(*plain))
@@ -114,7 +115,7 @@ def _leading(g: Array, albedo: Array, depth: Array) -> list[Array]:
 
 
 def forward_width(g: Array) -> Array:
-    """The width of the forward lobe of a Henyey-Greenstein function of mean cosine g > 0."""
+    """The width, in the published scale, of the forward lobe of a Henyey-Greenstein function of mean cosine g > 0."""
     kept = at_least(g, 1e-3)
     return dr.power((1 - kept) / kept, 0.8) / (1 + kept)
 

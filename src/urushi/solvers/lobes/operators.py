@@ -24,7 +24,7 @@ from ...optics.fresnel import fresnel_conductor, fresnel_dielectric
 from ...optics.vectors import Array, Vector, at_least, negate, root
 from . import tables
 from .settled import settled
-from .width import Width, mean_roughness, of_interface
+from .width import OURS, Scale, Width, mean_roughness, of_interface
 
 #: lowest cosine of a mean direction: widths are in proportion to its inverse
 GRAZING = 1e-3
@@ -37,10 +37,11 @@ class Boundary:
         interface: any that `supports`.
         above: the side that the light comes from.
         wi: direction of the light outside, whose azimuth decides what roughness an anisotropic interface shows.
+        scale: of widths.
     """
 
-    def __init__(self, interface: Interface, above: bool, wi: Vector) -> None:
-        self.interface, self.wi = interface, wi
+    def __init__(self, interface: Interface, above: bool, wi: Vector, scale: Scale = OURS) -> None:
+        self.interface, self.wi, self.scale = interface, wi, scale
         self.full = interface.single is not None
         self.inner: Any = interface.single if self.full else interface
         self.opaque, self.above = interface.opaque, above
@@ -67,14 +68,14 @@ class Boundary:
     @property
     def turned(self) -> Boundary:
         """The same interface for light from its other side."""
-        return Boundary(self.interface, not self.above, self.wi)
+        return Boundary(self.interface, not self.above, self.wi, self.scale)
 
     def width(self, scale: Array) -> Width:
         """The width that facets of `scale` times its roughness add."""
         if self.smooth:
             return 0.0
         x, y = self._widths
-        return of_interface(x * scale, y * scale, self.frame, self.isotropic)
+        return of_interface(x * scale, y * scale, self.frame, self.isotropic, self.scale)
 
     def refracted(self, cos: Array) -> Array:
         """Cosine of Snell's direction beyond; 0 where there is none."""
@@ -148,7 +149,7 @@ class Boundary:
         )
 
     def complete(self, cos: Array, alpha: Array) -> Array:
-        """Reflectance of the interface were it as rough as `alpha`, for one direction, nothing lost among its facets."""
+        """Reflectance from one direction were the interface as rough as `alpha`, nothing lost among its facets."""
         kind = self._kind()
         if isinstance(self.inner, BoundConductor):
             return tables.metal(kind, cos, self.inner.eta, self.inner.k, alpha, None, True)

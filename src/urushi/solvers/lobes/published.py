@@ -18,11 +18,11 @@ from ...interfaces import BoundConductor, BoundDielectric
 from ...media import inverse_cosine
 from ...optics.vectors import Array, Vector, at_least, at_most, channels, total
 from ..bound import BoundStack
-from .medium import Particles
+from .medium import Particles, forward_width
 from .operators import GRAZING, Boundary
 from .recursion import Answer, Beam
 from .spread import Spread
-from .width import Width, mean_roughness, plus
+from .width import PUBLISHED, Width, mean_roughness, plus
 
 
 @dataclass
@@ -59,7 +59,7 @@ def add_up(
         published: with the printed Jacobians; False for the consistent ones.
         exact: refraction widens by the real cosines; False for those of normal incidence, as in the released code.
     """
-    spread = Spread(published)
+    spread = Spread(PUBLISHED, published)
     down: Array = 1.0
     up: Array = 1.0
     back: Array = 0.0
@@ -86,7 +86,7 @@ def add_up(
         if before is not None and before.escape is not None and layer.transmittance is None:
             # light that comes from below and is totally reflected by the interface before
             share = before.escape(cos, width)
-            back, up = at_most(back + (1 - share) * up, 1), share * up
+            back, up = at_most(back + (1 - share) * up, 1.0), share * up
         rest = at_least(1 - back * r, 1e-6)
         energy = down * r * up / rest
         rounds = _mean(back * r / rest)
@@ -109,7 +109,7 @@ def respond(stack: BoundStack, wi: Vector, above: bool) -> Answer:
     sharp: list[Any] = []
     still: Any = True
     for k in order:
-        boundary = Boundary(stack.interfaces[k], above, wi)
+        boundary = Boundary(stack.interfaces[k], above, wi, PUBLISHED)
         layers.append(_interface(boundary))
         numbers.append(k)
         still = still if boundary.smooth else False
@@ -135,10 +135,10 @@ def respond(stack: BoundStack, wi: Vector, above: bool) -> Answer:
 
 def _interface(boundary: Boundary) -> Layer:
     def reflectance(cos: Array, width: Width) -> Array:
-        return boundary.complete(cos, mean_roughness(width))
+        return boundary.complete(cos, mean_roughness(width, PUBLISHED))
 
     def escape(cos: Array, width: Width) -> Array:
-        return boundary.turned.escaping(cos, mean_roughness(width))
+        return boundary.turned.escaping(cos, mean_roughness(width, PUBLISHED))
 
     inner = boundary.inner
     if not isinstance(inner, (BoundDielectric, BoundConductor)):
@@ -159,7 +159,7 @@ def _medium(particles: Particles) -> Layer:
         depth = medium.depth * inverse_cosine(cos)
         return (1 + medium.albedo * depth) * dr.exp(-depth)
 
-    width = particles.spread if particles.scatters else 0.0
+    width = forward_width(particles.g) if particles.scatters else 0.0
     return Layer(lambda cos, _: 0.0 * cos, transmittance=transmittance, scattered=width)
 
 

@@ -20,14 +20,14 @@ from typing import Any
 import drjit as dr
 
 from ...adding import Slab, add
-from ...optics.vectors import Array, Vector, at_least, at_most, channels, total
+from ...optics.vectors import Array, Vector, at_least, channels, total
 from ..bound import BoundStack
 from . import tables
 from .flow import ALL, FLOWS, NONE, Flow, bounce, times
 from .medium import Particles
 from .operators import GRAZING, Boundary
 from .spread import Spread
-from .width import Width, mean_roughness, plus
+from .width import OURS, Width, mean_roughness, plus
 
 #: the most that is reflected back and forth: single precision sees total reflection where there is none
 MOST = 1 - 2e-7
@@ -111,11 +111,11 @@ def respond(stack: BoundStack, wi: Vector, above: bool, scatters: bool = True) -
         more = bounce(later.r_bottom, step.r, times(up.r_bottom, first))
         sent = times(up.t_up, first) + times(later.t_up, times(step.r, more))
         down = arriving + more
-        loop = _mean(up.r_bottom.beam) * _mean(r)
-        rounds = loop / (1 - at_most(loop, MOST)) if steps else 0.0
         sharp = _both(sharp, boundary.still())
         if not _zero(sent.beam):
-            reflected.append(Beam(sent.beam, spread.lobe(boundary.reflected, rounds), cos, sharp, k))
+            # Light that goes back and forth before it gets out is what came under the steepest angles; it does not make
+            # the middle of the lobe any wider, as the mean number of trips would have it.
+            reflected.append(Beam(sent.beam, spread.lobe(boundary.reflected, 0.0), cos, sharp, k))
         diffuse = _sum(diffuse, sent.scattered)
         arriving = times(step.t, down)
         if boundary.opaque:
@@ -123,13 +123,13 @@ def respond(stack: BoundStack, wi: Vector, above: bool, scatters: bool = True) -
         # --- refraction, and what it does to widths
         snell = boundary.refracted(cos)
         below = at_least(snell, GRAZING)
-        inner = _mean(t) * _mean(up.r_bottom.beam) * _mean(t) / (1 - at_most(loop, MOST))
+        inner = dr.square(_mean(t)) * _mean(up.r_bottom.beam)
         spread.cross(
             boundary.reflected,
             boundary.transmitted(cos, below),
             boundary.turned.transmitted(below, cos),
             boundary.eta * below / cos,
-            rounds,
+            0.0,
             _mean(r),
             inner if steps else 0.0,
         )
@@ -195,7 +195,7 @@ def _from_below(
         slabs.append(Slab(step.r, step.t, Flow(r, 0.0, even_r), Flow(t, 0.0, even_t)))
         snell = at_least(turned.refracted(cos), GRAZING)
         if width is not None:
-            width = plus(width * (cos / (turned.eta * snell)), turned.transmitted(cos, snell))
+            width = plus(width * OURS.factor(cos / (turned.eta * snell)), turned.transmitted(cos, snell))
             snell = at_least(turned.beyond(cos, alpha, width), GRAZING)
         cos = snell
     whole = Slab(NONE, ALL, NONE, ALL)

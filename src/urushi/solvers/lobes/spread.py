@@ -2,18 +2,19 @@
 
 All widths are those of the roughness of a mirror that would reflect as wide a lobe at the mean direction of their
 region. A projected lobe of GGX has radii in proportion to alpha cos; a flat boundary stretches projected directions
-by the index ratio n = n_below / n_above. So a width that goes up through a boundary is multiplied by
+by the index ratio n = n_below / n_above. So a roughness that goes up through a boundary is multiplied by
 
     j = n cos_below / cos_above
 
-and one that goes down by 1 / j. The paper prints, and its code computes, factors that are the inverse of these in
-three places; from three interfaces on this shows. `published=True` does as the code does.
+and one that goes down by 1 / j; `Scale.factor` says what that does to a width. The paper prints, and its code computes,
+factors that are the inverse of these in three places; from three interfaces on this shows. `published=True` does as
+the code does.
 """
 
 from __future__ import annotations
 
 from ...optics.vectors import Array, at_least
-from .width import Width, plus
+from .width import OURS, Scale, Width, plus
 
 
 class Spread:
@@ -25,8 +26,8 @@ class Spread:
         up: of light from below that gets out, without its own; `out` is the factor of its own.
     """
 
-    def __init__(self, published: bool = False) -> None:
-        self.published = published
+    def __init__(self, scale: Scale = OURS, published: bool = False) -> None:
+        self.scale, self.published = scale, published
         self.down: Width = 0.0
         self.back: Width = 0.0
         self.up: Width = 0.0
@@ -56,10 +57,11 @@ class Spread:
 
         Args:
             reflected, down, up: what it adds on reflection, and on the way down and up through it.
-            j: the factor of widths that go up through it.
+            j: the factor of the roughness of what goes up through it.
             rounds: as for `lobe`.
             own, inner: energy that comes back from below by its own reflection, and from what lies above.
         """
+        j = self.scale.factor(j)
         step = j if self.published else 1 / j
         bounce = plus(reflected, self.back) * rounds
         inside = plus(down, plus(up, self.back, bounce) * step)

@@ -96,12 +96,12 @@ def escaping(cos: Array, eta: Array, width: Array) -> Array:
 
 def centre(mean: Array, width: Array) -> Array:
     """The cosine of the direction around which a lobe lies, of which roughness and mean cosine are known."""
-    return _grid(("lobes",), "centre")([axes.along_square(width + 0 * mean), at_most(mean, 1)], mean)[0]
+    return _grid(("lobes",), "centre")([axes.along_square(width + 0 * mean), at_most(mean, 1.0)], mean)[0]
 
 
 def mean(cos: Array, width: Array) -> Array:
     """The mean cosine of the lobe around a direction, the inverse of `centre`."""
-    return _grid(("lobes",), "mean")([axes.along_square(width + 0 * cos), at_most(cos, 1)], cos)[0]
+    return _grid(("lobes",), "mean")([axes.along_square(width + 0 * cos), at_most(cos, 1.0)], cos)[0]
 
 
 def _interface(
@@ -159,7 +159,7 @@ def metal(
     """
     last: list[Array | int] = [
         0 if width is None else axes.along_square(width + 0 * cos),
-        dr.sqrt(at_most(at_least(cos, 1e-8), 1)),
+        dr.sqrt(at_most(at_least(cos, 1e-8), 1.0)),
     ]
     where = _of(kind, width), "metal"
     if isinstance(alpha, float):
@@ -196,7 +196,7 @@ def albedo_towards(w: Vector, alpha_x: Array, alpha_y: Array) -> Array:
     places = [
         axes.along_square(alpha_x + 0 * w.z),
         axes.along_square(alpha_y + 0 * w.z),
-        dr.sqrt(at_most(at_least(w.z, 1e-8), 1)),
+        dr.sqrt(at_most(at_least(w.z, 1e-8), 1.0)),
         y / at_least(x + y, 1e-12),
     ]
     return _grid(("lobes",), "anisotropic")(places, w.z)[0]
