@@ -100,11 +100,7 @@ OPTIONS = {
     ),
     "no such method": (GOLD | {"method": "wlak"}, "layered.method: found 'wlak'; allowed: walk, auto"),
     "method a number": (GOLD | {"method": 3}, "layered.method: found 3; allowed: walk, auto"),
-    "planned, lobes": (
-        GOLD | {"method": "lobes"},
-        "method 'lobes' cannot do this stack: this version of Urushi has no 'lobes' yet",
-    ),
-    "planned, lobes": (GOLD | {"method": "lobes"}, "'lobes' yet; methods that can: walk"),
+    "lobes, not here": (GOLD | {"method": "lobes"}, "layered.method: found 'lobes'; allowed: walk, adding, auto"),
     "no samples": (GOLD | {"samples": 0}, "layered.samples: found 0; allowed: a whole number from 1 to"),
     "half a sample": (
         GOLD | {"samples": 1.5},

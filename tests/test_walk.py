@@ -292,8 +292,6 @@ def test_a_texture_needs_a_value() -> None:
 def test_unknown_methods() -> None:
     with pytest.raises(UrushiError, match="did you mean 'walk'"):
         ur.solve(PANE, "wlak")
-    with pytest.raises(UnsupportedStack, match="no 'lobes' yet"):
-        ur.solve(PANE, "lobes")
     with pytest.raises(MaterialError):
         ur.solve("preset:no such thing", "walk")
 

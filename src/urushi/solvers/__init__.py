@@ -5,6 +5,7 @@ A solver takes a `Stack` and gives a `BSDF` with ``eval``, ``pdf``, ``sample``, 
     method   what it is                                        error            cost
     walk     position-free Monte Carlo (Guo et al. 2018)       noise, no bias   a few hundred ns a sample
     adding   adding-doubling of matrices (Jakob et al. 2014)   as asked for     seconds once, then microseconds
+    lobes    statistical operators (Belcour 2018)              told by compare  that of a few microfacet lobes
 
 ``method="auto"`` takes the first in this table that can do the stack and says why in ``diagnostics``. A solver is a
 package beside this file with a function `solve`, and a line in `SOLVERS`; solvers never import one another.
@@ -23,10 +24,14 @@ from urushi.stack import Stack
 from .bsdf import BSDF, Sample
 
 #: method -> module with `solve(stack, **options)`, the names of those `OPTIONS`, and `reasons_against(stack)`
-SOLVERS = {"walk": "urushi.solvers.walk", "adding": "urushi.solvers.adding"}
+SOLVERS = {
+    "walk": "urushi.solvers.walk",
+    "adding": "urushi.solvers.adding",
+    "lobes": "urushi.solvers.lobes",
+}
 
 #: methods that the names of this package already speak of, and that come in later versions
-PLANNED = ("lobes",)
+PLANNED: tuple[str, ...] = ()
 
 __all__ = ["BSDF", "PLANNED", "SOLVERS", "Sample", "add", "solve"]
 
@@ -36,10 +41,10 @@ def solve(stack: Stack | str | os.PathLike[str], method: str = "auto", **options
 
     Args:
         stack: the description, or the path or preset name of one.
-        method: "walk", "adding", or "auto" for the first method that can.
+        method: "walk", "adding", "lobes", or "auto" for the first method that can.
         **options: see the method. The walk takes `samples`, `seed`, `max_depth`, adding takes `accuracy`, `nodes`,
-            `progress`, and both `parameters`, `backend`, `precision`, `mode` (`urushi.solvers.walk.solve`,
-            `urushi.solvers.adding.solve`).
+            `progress`, lobes take `published`, `symmetric`, and all `parameters`, `backend`, `precision`, `mode`
+            (`urushi.solvers.walk.solve`, `urushi.solvers.adding.solve`, `urushi.solvers.lobes.solve`).
 
     Returns:
         A `BSDF`.
