@@ -14,8 +14,10 @@ from .basis import Grid
 from .interfaces import RoughLayer
 from .layers import Layer, MediumLayer, SmoothLayer, numbers
 from .phase import PHASES, Phase
+from .refine import GROWTH
+from .resolution import panel_counts
 
-#: fewest nodes in a panel, and most to begin with
+#: fewest nodes in a panel for a medium, and most to begin with
 FEWEST, MOST = 12, 160
 
 
@@ -37,19 +39,19 @@ def indices(stack: BoundStack) -> list[float]:
     return found[:-1] if stack.opaque else found
 
 
-def counts(stack: BoundStack, phases: list[Phase]) -> list[int]:
-    """Nodes per panel to begin with: enough for the narrowest lobe and the sharpest phase function, within limits."""
-    narrowest = [
-        min(float(numbers(a)[0]) for a in interface.roughness())
+def counts(stack: BoundStack, phases: list[Phase], accuracy: float) -> list[int]:
+    """Nodes per panel to begin with: half as many again as should do, so that the coarser grid they are compared with
+    (`refine`) is good enough.
+    """
+    alphas = [
+        None if interface.flat else max(float(numbers(a)[0]) for a in interface.roughness())
         for interface in stack.interfaces
-        if interface.delta is False and not interface.flat
     ]
-    wanted = max([FEWEST, *(FEWEST + 0.4 / max(a, 1e-3) for a in narrowest)])
+    found = np.array(panel_counts(alphas, indices(stack), stack.opaque, accuracy), float)
     for phase in phases:
         mean = abs(float(phase.moments(2)[1]))
-        wanted = max(wanted, 8 / max(1 - mean, 0.05))
-    panels = len(Grid.build(indices(stack), 2 * FEWEST).panels)
-    return [int(min(np.ceil(wanted), MOST))] * panels
+        found = np.maximum(found, FEWEST + 1.2 / max(1 - mean, 0.03))
+    return [int(np.ceil(min(n, MOST) * GROWTH)) for n in found]
 
 
 def phase_functions(stack: Stack) -> list[Phase]:

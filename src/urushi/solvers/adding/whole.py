@@ -56,7 +56,8 @@ def solution(
         return found
 
     panels = len(Grid.build([*indices, *extra], FEWEST).panels)
-    counts = build.counts(bound, phases)[:1] * panels
+    own = build.counts(bound, phases, accuracy)
+    counts = [own[0], *[own[-1]] * (panels - 1)]
     if nodes is not None:
         counts = [nodes] * len(counts) if isinstance(nodes, int) else list(nodes)
         if len(counts) != panels or min(counts) < 4:
