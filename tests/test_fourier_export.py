@@ -70,8 +70,8 @@ def test_both_sides_and_colours():
     bsdf = ur.solve(OPEN, "adding", nodes=16)
     found, error = fourier_of(bsdf, nodes=40, accuracy=1e-2)
     assert found.channels == 3 and found.eta == pytest.approx(1.2)
-    assert error < 4e-2  # the kink where total reflection begins; a wrong index would be off by 0.3
-    assert fourier_of(bsdf, nodes=20, accuracy=1e-2)[1] > error
+    # What is left is between the nodes of the solution, which are few; a wrong index would be off by 0.3.
+    assert error < 4e-2 < fourier_of(bsdf, nodes=8, accuracy=1e-2)[1]
 
 
 def test_light_in_one_direction_is_refused_or_left_out_on_request(tmp_path):
@@ -96,3 +96,15 @@ def test_a_table_too_large_for_memory_is_refused(coated, monkeypatch):
 def test_options_out_of_range_are_refused(coated, options):
     with pytest.raises(UrushiError, match=re.compile("allowed")):
         fourier_of(coated, **options)
+
+
+def test_layerlab_finds_the_same(table):
+    """Its own file of this stack; it scales energies of its columns up, by 0.4 %, and more at grazing angles."""
+    theirs = fourier.read_fourier(DATA / "layerlab_coated_diffuse.bsdf")
+    for theta in (10, 30, 60):
+        wi, wo = degrees([theta] * 4), degrees([theta, 20, 50, 70], [180, 180, 90, 0])
+        found, other = (fourier.evaluate(one, wi, wo) for one in (table[0], theirs))
+        assert np.abs(found - other).max() < 1e-3 * other.max() + 5e-4
+        assert fourier.reflectance(table[0], wi)[0] == pytest.approx(
+            fourier.reflectance(theirs, wi)[0], rel=5e-3
+        )
