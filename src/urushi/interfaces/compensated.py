@@ -202,6 +202,12 @@ class Compensated(Interface):
         return self.single.ratio(above)
 
 
+def _settle(*values: Any) -> None:
+    """Compute what is the same on all lanes once, unless this is recorded to be computed elsewhere."""
+    if dr.width(values) == 1 and not dr.flag(dr.JitFlag.SymbolicScope):
+        dr.eval(values)
+
+
 def _digits(u: Array) -> Array:
     """The later digits of a number in [0, 1): almost independent of what the first ones decide."""
     return 1024 * u - dr.floor(1024 * u)
@@ -222,6 +228,7 @@ class CompensatedConductor(Compensated):
         # Light that met two facets at least, of which each further one lets the part 1 - lost go (Hill's series).
         colour = dr.square(once) * (1 - lost) / (1 - once * lost)
         self._factor = colour * (dr.inv_pi / lost)
+        _settle(self._factor, self._sharpness)
 
     @classmethod
     def bind(cls, given: Given) -> tuple[Interface, Array, float | None]:
@@ -245,6 +252,7 @@ class CompensatedDielectric(Compensated):
         super().__init__(single, Missing(facets, single.eta, even, number))
         self._through = dict(zip((True, False), self.missing.exchanged(), strict=True))
         self._mean = {above: dr.pi * self.missing.mean(above) for above in (True, False)}
+        _settle(self._through, self._mean, self._sharpness)
 
     @classmethod
     def bind(cls, given: Given) -> tuple[Interface, Array, float | None]:

@@ -23,7 +23,7 @@ from typing import Any
 
 import drjit as dr
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from ..optics.vectors import Array, at_least, at_most
 
@@ -68,15 +68,16 @@ def of_ratio(alpha_x: Array, alpha_y: Array) -> Array:
     return at_most(dr.log(ratio) * (1 / math.log(MOST_RATIO)), 1)
 
 
-def cosines(alpha: float, n: int) -> NDArray[np.float64]:
-    """The nodes' cosines: of_cosine(c, alpha) = 0, 1 / (n - 1), ..., 1."""
-    goal = np.linspace(0, 1, n)
-    low, high = np.zeros(n), np.ones(n)
-    for _ in range(60):
+def cosines(alpha: ArrayLike, n: int) -> NDArray[np.float64]:
+    """The nodes' cosines, (..., n) for roughnesses (...): of_cosine(c, alpha) = 0, 1 / (n - 1), ..., 1."""
+    alpha = np.asarray(alpha, np.float64)[..., None]
+    goal = np.linspace(0, 1, n) + 0 * alpha
+    low, high = np.zeros_like(goal), np.ones_like(goal)
+    for _ in range(50):
         middle = 0.5 * (low + high)
         below = (1 - NEAR) * middle + NEAR * np.sqrt(middle * (1 + alpha) / (middle + alpha)) < goal
         low, high = np.where(below, middle, low), np.where(below, high, middle)
-    return np.asarray(0.5 * (low + high), np.float64)
+    return 0.5 * (low + high)
 
 
 def roughnesses(n: int) -> NDArray[np.float64]:
@@ -110,12 +111,15 @@ def energies(kind: str, model: str) -> NDArray[np.float64]:
 
 
 def refined(kind: str, model: str) -> NDArray[np.float64]:
-    """`energies`, the coarse ones with nodes in between by cubic interpolation: it costs memory, and no time later."""
+    """`energies` with nodes in between by cubic interpolation: it costs memory, and no time later."""
     table = energies(kind, model)
+    if not kind.startswith("brushed"):
+        # Linear pieces have steps in their derivative by roughness; there are less of them now.
+        return np.clip(_doubled(table, -2), 0, 1)
     if kind == "brushed_metal":
         for axis, even in ((-1, False), (-2, True), (-3, False), (-4, False)):
             table = _doubled(table, axis, even)
-    elif kind == "brushed_glass":
+    else:
         table = _doubled(table, -2, True)
         # Equal indices are no smooth limit: each side by itself.
         half = len(table) // 2
@@ -146,7 +150,7 @@ def shares(model: str) -> NDArray[np.float64]:
 
 
 #: how many times finer than their tables the roughnesses of means are, and the cosines they are taken over
-FINER = 4
+FINER = 2
 
 
 @functools.cache
@@ -173,7 +177,7 @@ def means(kind: str, model: str) -> tuple[NDArray[np.float64], NDArray[np.float6
     table = _between(table, np.arange(FINER * (table.shape[-3] - 1) + 1) / FINER, -3)
     alpha = roughnesses(table.shape[-3])
     spread = ratios(table.shape[-2]) if brushed else np.ones(1)
-    edges = [[cosines(a / math.sqrt(r), len(middle) + 1) for r in spread] for a in alpha]
+    edges = cosines(alpha[:, None] / np.sqrt(spread), len(middle) + 1)
     # The integrals of 2 cos and of 2 cos^2 over each cell.
     first, second = (np.diff(np.power(edges, power), axis=-1) for power in (2, 3))
     mean = np.einsum("...arc,arc->...ar", table, first)
