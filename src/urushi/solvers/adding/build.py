@@ -14,7 +14,6 @@ from .basis import Grid
 from .interfaces import RoughLayer
 from .layers import Layer, MediumLayer, SmoothLayer, numbers
 from .phase import PHASES, Phase
-from .refine import GROWTH
 from .resolution import panel_counts
 
 #: fewest nodes in a panel for a medium, and most to begin with
@@ -40,9 +39,7 @@ def indices(stack: BoundStack) -> list[float]:
 
 
 def counts(stack: BoundStack, phases: list[Phase], accuracy: float) -> list[int]:
-    """Nodes per panel to begin with: half as many again as should do, so that the coarser grid they are compared with
-    (`refine`) is good enough.
-    """
+    """Nodes per panel that should do."""
     alphas = [
         None if interface.flat else max(float(numbers(a)[0]) for a in interface.roughness())
         for interface in stack.interfaces
@@ -51,7 +48,7 @@ def counts(stack: BoundStack, phases: list[Phase], accuracy: float) -> list[int]
     for phase in phases:
         mean = abs(float(phase.moments(2)[1]))
         found = np.maximum(found, FEWEST + 1.2 / max(1 - mean, 0.03))
-    return [int(np.ceil(min(n, MOST) * GROWTH)) for n in found]
+    return [int(np.ceil(min(n, MOST))) for n in found]
 
 
 def phase_functions(stack: Stack) -> list[Phase]:

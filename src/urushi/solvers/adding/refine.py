@@ -2,7 +2,7 @@
 
 Two solutions on different nodes are compared where neither has a node: at fixed angles of incidence, grazing ones
 included, and at directions around the mirror direction, where lobes peak. What they differ by is the error of the
-coarser one, and a bound of that of the finer one, which is kept, unless the differences shrink slowly.
+coarser one; how fast such differences shrink tells what is left in the finer one, which is kept.
 """
 
 from __future__ import annotations
@@ -34,31 +34,32 @@ def refine(
     more: bool = True,
     progress: Callable[[int, float], Any] | None = None,
 ) -> Solution:
-    """Solve with more and more nodes until two solutions agree.
+    """Solve with more and more nodes until nothing changes any more.
 
     Args:
         solve: from numbers of nodes per panel to a solution.
-        counts: the numbers to begin with.
+        counts: the numbers that should do; two solutions with fewer are tried first.
         accuracy: absolute error allowed of reflectance and transmittance, and of the BSDF relative to its peak for
             the same angle of incidence.
         more: False to stay with these numbers, whatever their error.
         progress: called with (nodes, error) after each solution.
 
     Returns:
-        the finer of both, its diagnostics completed by "estimated_error", "accuracy", "seconds" and "history".
+        the last solution, its diagnostics completed by "estimated_error", "accuracy", "seconds" and "history".
 
     Raises:
         UrushiError: the accuracy is not reached with `MOST_NODES` nodes.
     """
     start = time.perf_counter()
-    coarse = solve([max(int(n / GROWTH), 4) for n in counts])
+    if more:
+        counts = _fewer(counts)
+    coarse = solve(_fewer(counts))
     history: list[tuple[int, float]] = []
+    before: float | None = None
     while True:
         fine = solve(counts)
         change = difference(coarse, fine)
-        # The finer solution is better than the change where changes shrink fast, and no better where they do slowly.
-        rate = change / history[-1][1] if history else 0.5
-        error = change * max(1.0, rate / max(1 - rate, 0.1))
+        error = change * _left(change, before)
         history.append((len(fine.grid.s), error))
         if progress is not None:
             progress(*history[-1])
@@ -71,7 +72,19 @@ def refine(
                 f"accuracy: found {accuracy:g}, but {len(fine.grid.s)} nodes still leave an error of {error:.2g}; "
                 "allowed: a larger one, or fixed nodes=..."
             )
-        coarse = fine
+        coarse, before = fine, change
+
+
+def _fewer(counts: list[int]) -> list[int]:
+    return [max(int(n / GROWTH), 4) for n in counts]
+
+
+def _left(change: float, before: float | None) -> float:
+    """What is left to go of the last change: the sum of all to come, if they shrink as the last two did."""
+    if before is None:
+        return 1.0
+    rate = min(change / max(before, 1e-300), 0.9)
+    return max(rate / (1 - rate), 0.2)
 
 
 def difference(one: Solution, other: Solution) -> float:

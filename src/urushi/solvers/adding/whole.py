@@ -39,37 +39,55 @@ def solution(
         extra: its `indices`.
         keep: asked for every solution: given the numbers of nodes per panel and what makes it, it may have one.
     """
-    llvm.ensure()
-    bound, colours = build.bind_numbers(stack)
-    phases = build.phase_functions(stack)
-    indices = build.indices(bound)
-    tolerance = 0.1 * accuracy
+    problem = _Problem(stack, accuracy, extra)
+    counts = problem.counts(nodes)
+    with one_thread():
+        return refine(
+            problem.solve if keep is None else lambda n: keep(n, lambda: problem.solve(n)),
+            counts,
+            accuracy,
+            nodes is None,
+            progress,
+        )
 
-    def on(counts: list[int]) -> Solution:
-        grid = replace(Grid.build([*indices, *extra], counts), indices=tuple(indices))
-        layers = build.layers(bound, phases, grid, tolerance)
-        found = solve_on(bound, grid, layers, colours, tolerance, bool(extra))
+
+def unchecked(stack: Stack, accuracy: float, nodes: Sequence[int]) -> Solution:
+    """The operators on so many nodes per panel, whatever their error: what half of `solution` takes."""
+    with one_thread():
+        return _Problem(stack, accuracy, ()).solve(list(nodes))
+
+
+class _Problem:
+    """A stack that is bound, ready to be solved on any nodes."""
+
+    def __init__(self, stack: Stack, accuracy: float, extra: Sequence[float]) -> None:
+        llvm.ensure()
+        self.bound, self.colours = build.bind_numbers(stack)
+        self.phases = build.phase_functions(stack)
+        self.indices, self.extra = build.indices(self.bound), tuple(extra)
+        self.accuracy, self.tolerance = accuracy, 0.1 * accuracy
+
+    def solve(self, counts: list[int]) -> Solution:
+        bound = self.bound
+        grid = replace(Grid.build([*self.indices, *self.extra], counts), indices=tuple(self.indices))
+        layers = build.layers(bound, self.phases, grid, self.tolerance)
+        found = solve_on(bound, grid, layers, self.colours, self.tolerance, bool(self.extra))
         media = [layer for layer in layers if isinstance(layer, MediumLayer)]
         regions = [r for r, medium in enumerate(bound.media) if medium is not None]
         for region, medium in zip(regions, media, strict=True):
             found.forward[region] = medium.truncated.forward
         return found
 
-    panels = len(Grid.build([*indices, *extra], FEWEST).panels)
-    own = build.counts(bound, phases, accuracy)
-    counts = [own[0], *[own[-1]] * (panels - 1)]
-    if nodes is not None:
-        counts = [nodes] * len(counts) if isinstance(nodes, int) else list(nodes)
+    def counts(self, nodes: int | Sequence[int] | None) -> list[int]:
+        """Nodes per panel to begin with, or those that are asked for."""
+        panels = len(Grid.build([*self.indices, *self.extra], FEWEST).panels)
+        own = build.counts(self.bound, self.phases, self.accuracy)
+        if nodes is None:
+            return [own[0], *[own[-1]] * (panels - 1)]
+        counts = [nodes] * panels if isinstance(nodes, int) else list(nodes)
         if len(counts) != panels or min(counts) < 4:
             raise UrushiError(
                 f"nodes: found {nodes}; allowed: one number, or one for each of {panels} "
                 "different indices, each at least 4"
             )
-    with one_thread():
-        return refine(
-            on if keep is None else lambda n: keep(n, lambda: on(n)),
-            counts,
-            accuracy,
-            nodes is None,
-            progress,
-        )
+        return counts
