@@ -9,7 +9,7 @@ file; `solve` turns it into a BSDF by one of three methods that check one anothe
     stack = ur.Stack(name="lacquer", layers=[ur.Dielectric(ior=1.5, alpha=0.1), ur.Diffuse(reflectance=0.3)])
     bsdf = ur.solve(stack, method="walk")
 
-Importing this package is light: Dr.Jit, Mitsuba and matplotlib are imported when something needs them.
+Importing this package is light: Dr.Jit and Mitsuba are imported when something needs them.
 """
 
 from __future__ import annotations
