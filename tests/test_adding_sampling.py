@@ -12,7 +12,10 @@ import urushi as ur
 from chi2 import SIGNIFICANCE, p_value
 from lanes import direction, needs_llvm
 from urushi.checks import chi2, normalisation
+from urushi.solvers.adding.basis import Grid
 from urushi.solvers.adding.cells import BINS, hats
+from urushi.solvers.adding.result import AddingBSDF
+from urushi.solvers.adding.solution import Block, Part, Solution
 
 pytestmark = needs_llvm
 
@@ -130,6 +133,32 @@ def test_the_density_reaches_wherever_there_is_light(name: str) -> None:
     assert (density[(value > 0).any(axis=1)] > 0).all()
     if STACKS[name].layers[-1].opaque:
         assert (density[(wi[:, 2] <= 0) | (wo[:, 2] <= 0)] == 0).all()
+
+
+def test_no_light_is_out_of_reach_where_the_nodes_see_none() -> None:
+    """Interpolation spreads light past the next node, where no cell holds any: the floor reaches there."""
+    grid = Grid.build([1.0, 1.0], 16)
+    flux = np.zeros((1, 1, 16, 16))
+    flux[0, 0, 8, 8] = 0.5
+    part = Part(True, True, None, [Block(range(1), 0, flux)])
+    bsdf = AddingBSDF(STACKS["black"], Solution(grid, {(True, True): part}, None, 1, {}))
+    mu = np.linspace(0.01, 1, 400)
+    wo, wi = direction(mu, 0.5), np.tile(direction(grid.mu[0][8]), (400, 1))
+    value, density = bsdf.eval(wi, wo)[:, 0], bsdf.pdf(wi, wo)
+    far = np.abs(np.arange(16)[:, None] - 8).ravel() > 1
+    assert (value[np.interp(mu, grid.mu[0][::-1], far[::-1].astype(float)) == 1] > 0).any()
+    assert (density[value > 0] > 0).all()
+
+
+def test_all_of_one_side_and_then_all_of_the_other() -> None:
+    """The second number runs from the normal above to the horizon, then from the normal below to the horizon."""
+    low, high = 0.0, 1.0 - 1e-9
+    for _ in range(4):  # closer and closer to where one side ends
+        u = np.stack([np.zeros(1000), np.linspace(low, high, 1000), np.full(1000, 0.3)], axis=1)
+        z = solved("slab").sample(direction(0.2)[None], u).wo[:, 2]
+        (change,) = np.flatnonzero(np.diff(np.sign(z)))
+        low, high = u[change, 1], u[change + 1, 1]
+    assert 0 < z[change] < 1e-3 and z[change + 1] < -0.9
 
 
 def test_nothing_to_sample() -> None:
