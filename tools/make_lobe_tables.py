@@ -72,7 +72,7 @@ def over(moment: np.ndarray, energy: np.ndarray) -> np.ndarray:
 
 
 def lobe(cos: np.ndarray, alpha: float) -> tuple[np.ndarray, np.ndarray]:
-    """Cosines (N, SAMPLES) of the reflections of a GGX surface, and their weights, summing to 1; alpha 0: the mirror."""
+    """Cosines (N, SAMPLES) of the reflections of a GGX surface, and weights that sum to 1; alpha 0: the mirror."""
     import drjit as dr
     from drjit.llvm.ad import Array3f64, Float64
 

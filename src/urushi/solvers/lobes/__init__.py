@@ -6,9 +6,11 @@ equations put layers together, lobe after lobe. The answer is an approximation t
 for any number of lights, with derivatives in every parameter.
 
     width      alpha <-> a width that adds up           operators   what an interface does to energy, direction, width
-    tables     energies of rough interfaces             medium      the same for a slab of particles
-    spread     widths through a stack                   flow        energies of a beam and of diffuse light at once
-    recursion  all of it, lobe after lobe
+    spread     widths through a stack                   medium      the same for a slab of particles
+    flow       energies of a beam and of diffuse light  tables      energies of rough interfaces (grid, axes, settled)
+    recursion  all of it, lobe after lobe               published   the same as the paper has it
+    lobe       value and shape of one lobe              exit        how diffuse light leaves
+    mixture    what is sampled                          core        all of it, as a BSDF on Dr.Jit arrays
 
 Sources: Belcour 2018; Weier & Belcour 2020 (anisotropy); de Dinechin & Belcour 2022 (diffuse bases).
 """

@@ -17,6 +17,9 @@ what Belcour's separate table of total reflection is for.
     sine of the azimuth -> what perfect mirrors reflect centre          width, mean cosine -> centre of a lobe, as
     all others take it; `mean` is the inverse
 
+Interpolation is off by at most 0.004 from the thinner side, and 0.012 from the denser one, near the critical angle
+(test_lobes_operators; GGX, alpha 0.07 to 0.6).
+
 All are for one scattering at the facets; `complete` adds what facets send to one another.
 """
 
