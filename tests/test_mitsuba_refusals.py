@@ -96,11 +96,18 @@ OPTIONS = {
     "misspelt": (GOLD | {"sampels": 4}, "found 'sampels'; did you mean 'samples'? allowed: filename"),
     "unknown": (
         GOLD | {"alfa": 0.1},
-        "found 'alfa'; allowed: filename, method, samples, seed, max_depth, layer_N, thickness_N",
+        "found 'alfa'; allowed: filename, method, samples, seed, max_depth, accuracy, nodes, "
+        "corners, published, symmetric, layer_N, thickness_N",
     ),
-    "no such method": (GOLD | {"method": "wlak"}, "layered.method: found 'wlak'; allowed: walk, auto"),
-    "method a number": (GOLD | {"method": 3}, "layered.method: found 3; allowed: walk, auto"),
-    "lobes, not here": (GOLD | {"method": "lobes"}, "layered.method: found 'lobes'; allowed: walk, adding, auto"),
+    "no such method": (
+        GOLD | {"method": "wlak"},
+        "layered.method: found 'wlak'; allowed: walk, adding, lobes, auto",
+    ),
+    "method a number": (GOLD | {"method": 3}, "layered.method: found 3; allowed: walk, adding, lobes, auto"),
+    "another method's option": (
+        GOLD | {"method": "lobes", "samples": 4},
+        "layered.samples: is no option of method 'lobes'; allowed: published, symmetric",
+    ),
     "no samples": (GOLD | {"samples": 0}, "layered.samples: found 0; allowed: a whole number from 1 to"),
     "half a sample": (
         GOLD | {"samples": 1.5},

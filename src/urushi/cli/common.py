@@ -78,8 +78,8 @@ def writable(path: Path, suffixes: tuple[str, ...]) -> Path:
 
 
 def known_method(method: str) -> None:
-    """Refuse a name that is no method; one of a later version is refused where the stack is solved."""
-    from urushi.solvers import PLANNED, SOLVERS
+    """Refuse a name that is no method."""
+    from urushi.solvers import SOLVERS
 
-    if method not in (*SOLVERS, "auto", *PLANNED):
+    if method not in (*SOLVERS, "auto"):
         raise WrongUsage(f"--method is {method!r}; allowed: {', '.join([*SOLVERS, 'auto'])}")

@@ -30,10 +30,7 @@ SOLVERS = {
     "lobes": "urushi.solvers.lobes",
 }
 
-#: methods that the names of this package already speak of, and that come in later versions
-PLANNED: tuple[str, ...] = ()
-
-__all__ = ["BSDF", "PLANNED", "SOLVERS", "Sample", "add", "solve"]
+__all__ = ["BSDF", "SOLVERS", "Sample", "add", "solve"]
 
 
 def solve(stack: Stack | str | os.PathLike[str], method: str = "auto", **options: Any) -> BSDF:
@@ -58,8 +55,6 @@ def solve(stack: Stack | str | os.PathLike[str], method: str = "auto", **options
 
         stack = load(stack)
     able = [name for name in SOLVERS if not _module(name).reasons_against(stack)]
-    if method in PLANNED:
-        raise UnsupportedStack(method, [f"this version of Urushi has no {method!r} yet"], able)
     if method == "auto":
         if not able:
             reasons = [reason for name in SOLVERS for reason in _module(name).reasons_against(stack)]

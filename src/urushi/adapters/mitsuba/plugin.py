@@ -5,13 +5,15 @@
     layer_0, ...   BSDF or medium    layers from the top down: dielectric, roughdielectric, conductor, roughconductor,
                                      diffuse, homogeneous, complete_roughconductor, complete_roughdielectric
     thickness_N    float             geometric thickness of the medium ``layer_N`` (1)
-    method         string            ``walk`` (default), ``adding``, or ``auto``
+    method         string            ``walk`` (default), ``adding``, ``lobes``, or ``auto``
     samples        int               walk: paths per evaluation (1)
     seed           int               walk: another seed is another noise (0)
     max_depth      int               walk: most scattering events inside (-1: no limit)
     accuracy       float             adding: error allowed (1e-3)
     nodes          int               adding: nodes in each panel of directions (0: as many as that needs)
     corners        int               adding: values that a textured parameter is solved for (5)
+    published      bool              lobes: as the paper of 2018 has them (false)
+    symmetric      bool              lobes: the reciprocal form (false)
 
     {"type": "layered", "filename": "enamel.yaml"}
 
@@ -37,17 +39,17 @@ from typing import Any
 import drjit as dr
 
 from urushi.description.base import inside
-from urushi.errors import MaterialError, UnsupportedStack
+from urushi.errors import MaterialError
 from urushi.io import load
-from urushi.solvers import PLANNED, SOLVERS
 from urushi.solvers.smooth import has_delta
 
 from .adding import Adding
+from .lobes import Lobes
 from .methods import Walk
 from .nested import read_children
 from .surface import Surface
 
-METHODS: dict[str, Any] = {"walk": Walk, "adding": Adding}
+METHODS: dict[str, Any] = {"walk": Walk, "adding": Adding, "lobes": Lobes}
 
 #: what may be said besides the layers
 OPTIONS = ("filename", "method", *dict.fromkeys(o for method in METHODS.values() for o in method.OPTIONS))
@@ -236,8 +238,6 @@ def _length(value: Any, where: str) -> float:
 def _method(props: Any, stack: Any) -> Any:
     """The class of the method that was asked for."""
     name = props.get("method", "walk")
-    if name in PLANNED:
-        raise UnsupportedStack(name, [f"this version of Urushi has no {name!r} yet"], list(SOLVERS))
     if name not in (*METHODS, "auto"):
         raise MaterialError(
             f"found {name!r}; allowed: {', '.join((*METHODS, 'auto'))}",
