@@ -8,7 +8,7 @@ from typing import Any
 import drjit as dr
 
 from ..optics.microfacet import Microfacets
-from ..optics.vectors import Array, Vector, at_least, at_most, float_type
+from ..optics.vectors import Array, Vector, at_least, at_most, channels, float_type
 from .tables import MOST_RATIO, Table, of_cosine, of_index, of_ratio, of_roughness, table
 
 
@@ -100,4 +100,4 @@ def number_of(*values: Array) -> Any:
         product = product * (dr.detach(value) if dr.is_array_v(value) else value)
     if not dr.is_array_v(product):
         return float
-    return float_type(product) if dr.depth_v(product) > 1 else type(product)
+    return float_type(product) if channels(product) else type(product)
