@@ -158,9 +158,10 @@ class Compensated(Interface):
         value = dr.select(wide, single[0], event.weight * event.pdf)
         pdf = dr.select(wide, single[1], event.pdf)
         value, pdf = self._complete((value, pdf), lost, w, o, above, part, through)
-        # A facet that sends light where it cannot go has no direction that the lobe could take over.
+        # Where a facet sends light to where it cannot go, there is no direction, and so no density of it.
         void = negate(wide) & (peak(event.weight) <= 0)
         weight = dr.select(void, 0, value / at_least(pdf, 1e-30))
+        pdf = dr.select(void, 0, pdf)
         if self.delta is not False:
             weight = dr.select(self.delta, event.weight, weight)
         return Scatter(o, weight, pdf, through)

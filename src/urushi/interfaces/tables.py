@@ -73,7 +73,7 @@ def cosines(alpha: ArrayLike, n: int) -> NDArray[np.float64]:
     alpha = np.asarray(alpha, np.float64)[..., None]
     goal = np.linspace(0, 1, n) + 0 * alpha
     low, high = np.zeros_like(goal), np.ones_like(goal)
-    for _ in range(50):
+    for _ in range(60):
         middle = 0.5 * (low + high)
         below = (1 - NEAR) * middle + NEAR * np.sqrt(middle * (1 + alpha) / (middle + alpha)) < goal
         low, high = np.where(below, middle, low), np.where(below, high, middle)
@@ -113,14 +113,15 @@ def energies(kind: str, model: str) -> NDArray[np.float64]:
 def refined(kind: str, model: str) -> NDArray[np.float64]:
     """`energies` with nodes in between by cubic interpolation: it costs memory, and no time later."""
     table = energies(kind, model)
-    if not kind.startswith("brushed"):
-        # Linear pieces have steps in their derivative by roughness; there are less of them now.
-        return np.clip(_doubled(table, -2), 0, 1)
     if kind == "brushed_metal":
         for axis, even in ((-1, False), (-2, True), (-3, False), (-4, False)):
             table = _doubled(table, axis, even)
-    else:
+    elif kind == "brushed_glass":
         table = _doubled(table, -2, True)
+    else:
+        # Linear pieces have steps in their derivative by roughness: smaller ones now.
+        table = _doubled(table, -2)
+    if kind.endswith("glass"):
         # Equal indices are no smooth limit: each side by itself.
         half = len(table) // 2
         low, middle, high = table[:half], table[half : half + 1], table[half + 1 :]
