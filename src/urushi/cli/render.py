@@ -21,7 +21,9 @@ def command(
     output: Path | None = typer.Option(
         None, "-o", "--output", help="A .png (tone-mapped) or .exr (linear) file; else out/NAME.png."
     ),
-    method: str = typer.Option("walk", "--method", "-m", help="How the stack is solved: walk, adding, lobes, or auto."),
+    method: str = typer.Option(
+        "walk", "--method", "-m", help="How the stack is solved: walk, adding, lobes, or auto."
+    ),
     scene: Path | None = typer.Option(None, help="A Mitsuba scene file; else the built-in scene."),
     name: str | None = typer.Option(
         None, "--material", help="With --scene: the id of the BSDF that the material replaces."
