@@ -13,7 +13,7 @@ from chi2 import SIGNIFICANCE, p_value
 from lanes import direction, needs_llvm
 from urushi.checks import chi2, normalisation
 from urushi.solvers.adding.basis import Grid
-from urushi.solvers.adding.cells import BINS, hats
+from urushi.solvers.adding.cells import BINS, hats, squares
 from urushi.solvers.adding.result import AddingBSDF
 from urushi.solvers.adding.solution import Block, Part, Solution
 
@@ -181,10 +181,15 @@ def test_the_first_and_the_last_numbers() -> None:
 
 
 def test_hats() -> None:
-    """Integrals of the hats are those of a function that is linear between the points."""
-    x = np.array([0.0, 0.1, 0.5, 1.0])
-    f = np.array([1.0, 3.0, 2.0, 5.0])
-    assert np.isclose(hats(x) @ f, np.trapezoid(f, x) if hasattr(np, "trapezoid") else np.trapz(f, x))
+    """They add up to 1 everywhere, so their integrals to that of 1; grazing ones keep their digits."""
+    theta = np.array([0.0, 0.1, 0.8, 1.2, 1.57, np.pi / 2 - 1e-10])
+    sin, cos = squares(theta)
+    areas = hats(sin, cos)
+    assert np.isclose(areas.sum(), 1) and (areas > 0).all()
+    assert np.isclose(areas[1], (sin[2] - sin[0]) / 2)
+    assert np.isclose(areas[-1], 0.5e-20, rtol=1e-5)
+    f = 2 + 3 * sin  # linear in the squared sine
+    assert np.isclose(areas @ f, 3.5)
 
 
 def test_cells_hold_the_luminance() -> None:

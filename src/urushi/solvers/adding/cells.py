@@ -70,9 +70,7 @@ class Cells:
         for k, (from_above, to_above) in enumerate(SIDES[: 1 if opaque else 4]):
             i = slice(0, counts[0]) if from_above else slice(counts[0], rows)
             o = slice(0, counts[0] + 1) if to_above else slice(counts[0] + 1, columns)
-            area = 0.5 * hats(
-                np.append(np.sin(theta[0 if to_above else 1]) ** 2, 1.0)
-            )  # integrals of hat mu dmu
+            area = 0.5 * hats(*squares(theta[0 if to_above else 1]))  # integrals of hat mu dmu
             angles = grid.mu[0 if to_above else -1], grid.mu[0 if from_above else -1]
             index = grid.indices[0 if to_above else -1]
             f = Reflectance(series.values[k], series.width[k], *angles, index, extra, (from_above, to_above))
@@ -98,10 +96,20 @@ class Cells:
         return cls(counts, theta, mass, width, peak, negative)
 
 
-def hats(points: np.ndarray) -> np.ndarray:
-    """Integrals of the hats over ascending points; those at the ends are halves."""
-    step = np.diff(points)
+def squares(theta: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Squared sines and cosines of ascending polar angles and of the horizon."""
+    return np.append(np.sin(theta) ** 2, 1.0), np.append(np.cos(theta) ** 2, 0.0)
+
+
+def hats(sin: np.ndarray, cos: np.ndarray) -> np.ndarray:
+    """Integrals, over the squared sine, of the hats at these `squares`; those at the ends are halves."""
+    step = steps(sin, cos)
     return 0.5 * (np.append(step, 0) + np.append(0, step))
+
+
+def steps(sin: np.ndarray, cos: np.ndarray) -> np.ndarray:
+    """Differences of squared sines, each by whichever of sine and cosine is small and has the digits."""
+    return np.where(sin[1:] < 0.5, np.diff(sin), -np.diff(cos))
 
 
 @dataclass(frozen=True)

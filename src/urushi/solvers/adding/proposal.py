@@ -17,7 +17,7 @@ import numpy as np
 from ...optics.vectors import Array, Vector, at_least, at_most, cosine_hemisphere, root, total
 from ..arrays import number_type
 from ..facet_lobe import Lobe
-from .cells import BINS, LUMINANCE, Cells, hats
+from .cells import BINS, LUMINANCE, Cells, hats, squares, steps
 from .stencil import APART, Lookup, away_and_toward
 
 #: share of the cosine lobes among all that is not a delta part
@@ -77,8 +77,7 @@ class Proposal:
         self.points = Lookup(
             np.concatenate([*(np.append(key, key[0] + 2) for key in keys), [np.inf]]), number
         )
-        sin = [np.append(np.sin(theta) ** 2, 1.0) for theta in cells.theta]
-        cos = [np.append(np.cos(theta) ** 2, 0.0) for theta in cells.theta]
+        sin, cos = zip(*(squares(theta) for theta in cells.theta), strict=True)
         self.sin, self.cos = Lookup(np.concatenate(sin), number), Lookup(np.concatenate(cos), number)
         before, after = (
             np.concatenate(
@@ -86,9 +85,13 @@ class Proposal:
             )
             for d in (-1, 1)
         )
+        left = [0.5 * np.append(0, steps(*pair)) / hats(*pair) for pair in zip(sin, cos, strict=True)]
+        self.left = Lookup(np.concatenate(left), number)
         whole = int if number is float else module.UInt
         self.before, self.after = (Lookup(x.astype(np.uint32), whole) for x in (before, after))
-        self.inv_hat = Lookup(np.concatenate([1 / hats(x) for x in sin]), number)
+        self.inv_hat = Lookup(
+            np.concatenate([1 / hats(*pair) for pair in zip(sin, cos, strict=True)]), number
+        )
 
     def _start(self, side: int) -> int:
         return 0 if side == 0 else self.above + 1
@@ -204,9 +207,8 @@ class Proposal:
         point, w = self._invert(self.bins, pair * (BINS + 1), BINS + 1, u2)
         before, after = self.before[column], self.after[column]
         # The part of the hat on the side of the normal, and the place under it.
-        middle, low, high = self.sin[column], self.sin[before], self.sin[after]
-        left, near, far = _hat(v, (middle - low) / at_least(high - low, 1e-30))
-        sin = root(dr.select(left, near * middle + far * low, near * middle + far * high))
+        left, near, far = _hat(v, self.left[column])
+        sin = root(near * self.sin[column] + far * dr.select(left, self.sin[before], self.sin[after]))
         cos = root(near * self.cos[column] + far * dr.select(left, self.cos[before], self.cos[after]))
         share = dr.select(point == 0, 0.0, dr.select(point == BINS, 1.0, 0.5))
         left, _, far = _hat(w, share)

@@ -58,7 +58,8 @@ def fit(
         blocks: cosine series: what each order's cos(m phi) is to be multiplied with.
         shape: (C, n_out, n_in) of the whole.
         tolerance: error allowed, relative to the peak over phi and over all outgoing directions of an incident one. No
-            series is asked to be better than the one it is made from, whose last eighth says how good that is.
+            series is asked to be better than the one it is made from, whose last eighth says how good that is; nor
+            are there more terms for what twice as many hardly make better, which is noise.
 
     Returns:
         series: (n_out, n_in, C, K) coefficients of cos(k s).
@@ -84,7 +85,9 @@ def fit(
     # By incident direction: the root mean square over phi of what is lost by leaving out all from the k-th term on.
     left = np.sqrt(np.cumsum(0.5 * long[..., ::-1] ** 2, axis=2)[..., ::-1]).max(axis=0)
     floor = np.maximum(_last(grey, orders, n_out, n_in).max(axis=0), tolerance * peak)
-    enough = (left <= floor[:, None]).all(axis=0)
+    twice = left[:, np.minimum(2 * np.arange(most), most - 1)]
+    noise = (twice > 0.5 * left) & (np.arange(most) >= FEW) & (2 * np.arange(most) < most)
+    enough = ((left <= floor[:, None]) | noise).all(axis=0)
     terms = int(np.argmax(enough)) if enough.any() else most
     terms = min(-(-max(terms, 1) // 8) * 8, most)
     error = float((left[:, min(terms, most - 1)] / np.where(peak > 0, peak, 1)).max())
