@@ -9,6 +9,8 @@ import urushi as ur
 from lanes import needs_llvm
 from outside import degrees
 from urushi.solvers.adding import reasons_against
+from urushi.solvers.adding.refine import difference
+from urushi.solvers.adding.whole import unchecked
 
 pytestmark = needs_llvm
 
@@ -98,3 +100,26 @@ def test_adding_and_the_walk_agree(name: str) -> None:
             found = solved.eval(np.repeat(one[None], 40, axis=0), wo)
             peak = max(found.max(), value.max())
             assert np.all(np.abs(found - value) < 5 * error + 2e-3 * peak), (one, np.abs(found - value).max())
+
+
+def test_smooth_stacks_converge_as_told() -> None:
+    """Order 5 and more from 8 nodes on: the page on adding says so."""
+    slab = [ur.Dielectric(ior=1.5), ur.Medium(depth=1.0, albedo=0.9, phase=ur.HenyeyGreenstein(g=0.5))]
+    stack = ur.Stack(layers=[*slab, ur.Dielectric(ior=1.0)])
+    best = unchecked(stack, 1e-5, [48, 29])
+    errors = [difference(unchecked(stack, 1e-5, [n, max(int(0.6 * n) + 1, 6)]), best) for n in (8, 12, 18)]
+    assert order(errors[0], errors[1]) > 4.5 and order(errors[1], errors[2]) > 5, errors
+
+
+@pytest.mark.slow
+def test_rough_stacks_converge_as_told() -> None:
+    """Order 3 once the lobe is resolved."""
+    coated = [ur.Dielectric(ior=1.5, alpha=0.1), ur.Conductor(material="Au", alpha=0.2)]
+    stack = ur.Stack(layers=coated)
+    best = unchecked(stack, 1e-5, [64, 39])
+    errors = [difference(unchecked(stack, 1e-5, [n, int(0.6 * n) + 1]), best) for n in (18, 27, 40)]
+    assert 2.5 < order(errors[0], errors[2], 40 / 18) < 4.5, errors
+
+
+def order(before: float, after: float, growth: float = 1.5) -> float:
+    return float(np.log(before / after) / np.log(growth))
