@@ -48,7 +48,7 @@ def measure(quick: bool) -> dict[str, Any]:
         runs: dict[str, Any] = {}
         for how in HOW:
             for name, stack in stacks(alpha, how).items():
-                bsdf = ur.solve(stack, method="walk")
+                bsdf = ur.solve(stack, method="walk", samples=1)
                 runs[f"{name}/{how}/eval"] = lambda bsdf=bsdf: bsdf.eval(wi, wo)
                 runs[f"{name}/{how}/sample"] = lambda bsdf=bsdf: tuple(vars(bsdf.sample(wi, u)).values())[:3]
         times = in_turn(runs, rounds)
