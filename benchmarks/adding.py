@@ -2,8 +2,9 @@
 
 layerlab, commit 3e5257e, GCC 12 -O3 -march=native, one core of a Xeon at 2.5 GHz; its accuracy, after repairs, is about
 4e-4 in albedo and 1e-3 of the peak of the BSDF. Urushi is asked for 1e-3 of both, and solves each case with fewer
-nodes, too, to know its error: "alone" is the last solution, without those. Kernels are warm; processor time is that of
-all threads together, so that it compares per core. Memory is the peak of a process.
+nodes, too, to know its error. "As good" is a solution as good as layerlab's, solved once, with its error measured
+against the last one. Kernels are warm; processor time is that of all threads together, so that it compares per core.
+Memory is the peak of a process.
 """
 
 from __future__ import annotations
@@ -69,6 +70,7 @@ def one(name: str, rounds: int) -> dict[str, Any]:
 
     llvm.prepare()
     from urushi.adapters import native
+    from urushi.solvers.adding.refine import GROWTH, difference
     from urushi.solvers.adding.result import AddingBSDF
     from urushi.solvers.adding.whole import solution, unchecked
 
@@ -79,9 +81,9 @@ def one(name: str, rounds: int) -> dict[str, Any]:
         start = time.process_time()
         found = solution(material, ACCURACY)
         checked.append(time.process_time() - start)
-        counts = [panel.count for panel in found.grid.panels]
+        counts = [max(int(panel.count / GROWTH), 4) for panel in found.grid.panels]
         start = time.process_time()
-        unchecked(material, ACCURACY, counts)
+        fewer = unchecked(material, ACCURACY, counts)
         alone.append(time.process_time() - start)
     bsdf = AddingBSDF(material, found)
     wi = np.random.default_rng(1).normal(size=(100_000, 3))
@@ -97,6 +99,7 @@ def one(name: str, rounds: int) -> dict[str, Any]:
     return {
         "checked": float(np.median(checked)),
         "alone": float(np.median(alone)),
+        "alone_error": difference(fewer, found),
         "nodes": found.diagnostics["nodes"],
         "orders": found.diagnostics["orders"],
         "error": found.diagnostics["estimated_error"],
@@ -122,19 +125,27 @@ def table(found: dict[str, Any]) -> list[str]:
     """Markdown."""
     lines = [
         f"Asked for an accuracy of {found['accuracy']:g}, in albedo and relative to the peak of the BSDF. Processor "
-        'seconds, all threads together; "alone" is the last solution, without those that tell its error. '
-        "layerlab's figures are of another machine (a Xeon at 2.5 GHz).",
+        'seconds, all threads together; "as good" is one solution with fewer nodes, about as good as layerlab\'s '
+        "(its error in brackets). layerlab's figures are of another machine (a Xeon at 2.5 GHz).",
         "",
-        "| case | nodes, orders | error told | s | s, alone | layerlab, s | MB peak | layerlab | `.urushi.npz` | "
+        "| case | nodes, orders | error told | s | s, as good | layerlab, s | MB peak | layerlab | `.urushi.npz` | "
         "layerlab's `.bsdf` | ns per evaluation |",
         "|---|---:|---:|---:|---:|---:|---:|---:|---:|---:|---:|",
     ]
     for name, one_ in found["cases"].items():
         seconds, memory, size = LAYERLAB[name]
-        lines.append(
-            f"| {name} | {one_['nodes']}, {one_['orders']} | {one_['error']:.1e} | {one_['checked']:.2f} "
-            f"| {one_['alone']:.2f} | {'> 480' if seconds is None else f'{seconds:g}'} | {one_['memory']:.0f} "
-            f"| {memory:g} | {1000 * one_['megabytes']:.1f} kB "
-            f"| {'none' if size is None else f'{1000 * size:g} kB'} | {one_['eval_ns']:.0f} |"
-        )
+        cells = [
+            name,
+            f"{one_['nodes']}, {one_['orders']}",
+            f"{one_['error']:.1e}",
+            f"{one_['checked']:.2f}",
+            f"{one_['alone']:.2f} ({one_['alone_error']:.0e})",
+            "> 480" if seconds is None else f"{seconds:g}",
+            f"{one_['memory']:.0f}",
+            f"{memory:g}",
+            f"{1000 * one_['megabytes']:.1f} kB",
+            "none" if size is None else f"{1000 * size:g} kB",
+            f"{one_['eval_ns']:.0f}",
+        ]
+        lines.append(f"| {' | '.join(cells)} |")
     return lines
