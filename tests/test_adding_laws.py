@@ -99,7 +99,10 @@ def test_adding_and_the_walk_agree(name: str) -> None:
             value, error = walk.eval(np.repeat(one[None], 40, axis=0), wo, with_error=True)
             found = solved.eval(np.repeat(one[None], 40, axis=0), wo)
             peak = max(found.max(), value.max())
-            assert np.all(np.abs(found - value) <= 5 * error + 2e-3 * peak), (one, np.abs(found - value).max())
+            assert np.all(np.abs(found - value) <= 5 * error + 2e-3 * peak), (
+                one,
+                np.abs(found - value).max(),
+            )
 
 
 def test_smooth_stacks_converge_as_told() -> None:
