@@ -13,7 +13,7 @@ the series mean: that is an `Algebra`, and the second argument's only business. 
 from __future__ import annotations
 
 import operator
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -103,6 +103,27 @@ def from_above(upper: Slab, lower: Slab, algebra: Algebra) -> tuple[Any, Any]:
     times = algebra.times
     down = algebra.bounce(upper.r_bottom, lower.r_top, upper.t_down)  # all that travels down between them
     return upper.r_top + times(upper.t_up, times(lower.r_top, down)), times(lower.t_down, down)
+
+
+def within(slabs: Sequence[Slab], source: Any, algebra: Algebra = NUMBERS) -> tuple[list[Any], list[Any]]:
+    """The light between the layers of a pile, top down, lit from above by `source`.
+
+    Returns:
+        down, up: what travels down and up above each layer, all bounces included; and, last, what leaves below, where
+        `up` has no entry. What a layer keeps is what goes in less what comes out, down[k] + up[k + 1] - up[k] -
+        down[k + 1], so what all keep and what leaves adds up to the source, term by term.
+    """
+    times = algebra.times
+    rests = [slabs[-1].r_top]  # reflection of all from a layer on
+    for slab in reversed(slabs[:-1]):
+        back = algebra.bounce(slab.r_bottom, rests[-1], slab.t_down)
+        rests.append(slab.r_top + times(slab.t_up, times(rests[-1], back)))
+    rests.reverse()
+    down = [source]
+    for k, slab in enumerate(slabs):
+        passed = times(slab.t_down, down[k])
+        down.append(passed if k + 1 == len(slabs) else algebra.bounce(slab.r_bottom, rests[k + 1], passed))
+    return down, [times(rest, light) for rest, light in zip(rests, down, strict=False)]
 
 
 def _join(upper: Slab, lower: Slab, algebra: Algebra) -> Slab:

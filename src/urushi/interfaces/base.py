@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, Literal
 import drjit as dr
 
 from ..optics.random import Generator
-from ..optics.vectors import Array, Vector, rotate
+from ..optics.vectors import Array, Vector, at_least, rotate
 
 if TYPE_CHECKING:
     from .given import Given
@@ -45,6 +45,8 @@ class Interface(ABC):
     flat: bool = False
     delta: Any = False
     stochastic: bool = False
+    #: whether its normal is not that of the surface (`tilted.Tilted`)
+    tilted: bool = False
     #: the same boundary without what its facets send to one another, if this adds it as a lobe
     single: Any = None
 
@@ -82,6 +84,13 @@ class Interface(ABC):
             return 0 * w.x
         return self.transmit(w, o, above)[0] if through else self.reflect(w, o, above)[0]
 
+    def absorbs(self, w: Vector, event: Scatter) -> Array:
+        """The share of the light that the boundary took up in a sampled event of which nothing was left out.
+
+        What else of it `event.weight` lacks is lost between facets that scatter once.
+        """
+        return 1 - event.weight if self.opaque else 0 * w.x
+
     def roughness(self) -> tuple[Array, Array]:
         """Roughness along x and y of the interface's own frame."""
         return 0.0, 0.0
@@ -89,6 +98,10 @@ class Interface(ABC):
     def ratio(self, above: bool) -> Array:
         """Index beyond the boundary over the index on the incident side."""
         return 1.0
+
+    def stretch(self, w: Vector, o: Vector, above: bool) -> Array:
+        """Solid angle at w over solid angle at o, transmitted by a smooth interface."""
+        return dr.square(self.ratio(above)) * dr.abs(o.z) / at_least(w.z, 1e-20)
 
     @abstractmethod
     def smooth_energy(self, cos: Array, above: bool) -> tuple[Array, Array]:

@@ -9,12 +9,15 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from urushi.errors import UrushiError
 from urushi.stack import Stack
+
+if TYPE_CHECKING:
+    from .ledger import Ledger
 
 
 @dataclass(frozen=True)
@@ -64,6 +67,22 @@ class BSDF(ABC):
     @abstractmethod
     def transmittance(self, wi: Any, *, with_error: bool = False) -> Any:
         """Flux transmitted to the other side, delta parts included: (N, 3) -> (N, C)."""
+
+    def absorption(self, wi: Any, *, with_error: bool = False) -> Ledger:
+        """Where the light from numpy wi (N, 3) goes: reflected, transmitted, absorbed and lost in each layer.
+
+        Args:
+            wi: directions that light can come from: any but along the surface, above it if the stack is opaque.
+            with_error: the entries' errors, too: standard errors of the walk, what a deterministic solver expects, and
+                0 where nothing is known.
+
+        Returns:
+            A `urushi.solvers.ledger.Ledger`, whose entries add up to 1.
+
+        Raises:
+            UrushiError: this BSDF knows nothing of what is inside, or a direction that no light comes from.
+        """
+        raise UrushiError(f"absorption: a {type(self).__name__} knows nothing of what is inside the stack")
 
 
 def directions(value: Any, name: str) -> np.ndarray:

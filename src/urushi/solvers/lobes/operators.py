@@ -175,6 +175,17 @@ class Boundary:
         r, t = tables.dielectric_diffuse(kind, self.eta, self.alpha, like)
         return tables.complete(r, t) if self.full else (r, t)
 
+    def unshadowed(self, cos: Array, width: Array | None) -> tuple[Array, Array]:
+        """What facets that reflect everything would send out, of a lobe and of diffuse light; 1 where none is lost."""
+        if not isinstance(self.inner, BoundConductor) or self.smooth or self.full:
+            return 1.0, 1.0
+        ideal = 0 * cos, 1 + 0 * cos
+        kind = self._kind()
+        return (
+            tables.metal(kind, cos, *ideal, self.alpha, width, False),
+            tables.metal_diffuse(kind, *ideal, self.alpha, False, cos),
+        )
+
     def scatters(self) -> bool:
         """Whether a beam becomes diffuse here."""
         return isinstance(self.inner, BoundDiffuse)

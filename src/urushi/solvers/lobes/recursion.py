@@ -78,7 +78,7 @@ class _Step:
     t: Flow
 
 
-def respond(stack: BoundStack, wi: Vector, above: bool, scatters: bool = True) -> Answer:
+def respond(stack: BoundStack, wi: Vector, above: bool, scatters: bool = True, tally: Any = None) -> Answer:
     """Everything that comes of light from wi.
 
     Args:
@@ -86,6 +86,7 @@ def respond(stack: BoundStack, wi: Vector, above: bool, scatters: bool = True) -
         wi: direction, |z| counts.
         above: the side it is on.
         scatters: False to see only what is never scattered by a medium.
+        tally: told of every layer and the light around it (`ledger.Tally`), if any.
     """
     order = range(len(stack.interfaces)) if above else range(len(stack.interfaces) - 1, -1, -1)
     cos = at_least(dr.abs(wi.z), GRAZING)
@@ -105,8 +106,8 @@ def respond(stack: BoundStack, wi: Vector, above: bool, scatters: bool = True) -
         lobe_width = plus(spread.down, boundary.reflected)
         back_width = lobe_width if not _known(sharp, boundary) else None
         returning = boundary.back(cos, width, lobe_width)
-        up, nearest = _from_below(steps, returning, back_width)
-        later, _ = _from_below(steps, returning, back_width, nearest)
+        up, nearest, upper = _from_below(steps, returning, back_width)
+        later, _, again = _from_below(steps, returning, back_width, nearest)
         first = times(step.r, arriving)
         more = bounce(later.r_bottom, step.r, times(up.r_bottom, first))
         sent = times(up.t_up, first) + times(later.t_up, times(step.r, more))
@@ -117,6 +118,10 @@ def respond(stack: BoundStack, wi: Vector, above: bool, scatters: bool = True) -
             # the middle of the lobe any wider, as the mean number of trips would have it.
             reflected.append(Beam(sent.beam, spread.lobe(boundary.reflected, 0.0), cos, sharp, k))
         diffuse = _sum(diffuse, sent.scattered)
+        if tally is not None:
+            tally.met(k, step, down, (upper, first), (again, times(step.r, more)))
+            if boundary.opaque:
+                tally.based(k, step.r, down, boundary.unshadowed(cos, width))
         arriving = times(step.t, down)
         if boundary.opaque:
             return Answer(reflected, None, diffuse, 0.0)
@@ -141,12 +146,15 @@ def respond(stack: BoundStack, wi: Vector, above: bool, scatters: bool = True) -
         if medium is not None:
             particles = Particles(medium, scatters)
             medium_r, medium_t = particles.layer(cos)
-            up, _ = _from_below(steps, cos, None)
+            up, _, upper = _from_below(steps, cos, None)
             down = bounce(up.r_bottom, medium_r, arriving)
             sent = times(up.t_up, times(medium_r, down))
             diffuse = _sum(diffuse, sent.scattered)
+            step = _Step(particles, cos, medium_r, medium_t)
+            if tally is not None:
+                tally.met(k + 1 if above else k, step, down, (upper, times(medium_r, down)))
             arriving = times(medium_t, down)
-            steps.append(_Step(particles, cos, medium_r, medium_t))
+            steps.append(step)
             _, spread_by = particles.passed(cos)
             if particles.scatters:
                 spread.cross(0.0, spread_by, spread_by, 1.0, 0.0, 0.0, 1.0)
@@ -158,7 +166,7 @@ def respond(stack: BoundStack, wi: Vector, above: bool, scatters: bool = True) -
 
 def _from_below(
     steps: list[_Step], cos: Array, width: Width | None, again: Array | None = None
-) -> tuple[Slab, Array]:
+) -> tuple[Slab, Array, list[Slab]]:
     """The layers gone through so far, for a lobe that comes from below.
 
     Args:
@@ -168,7 +176,8 @@ def _from_below(
             the nearest as ever, and is reflected more up there.
 
     Returns:
-        the layers as one; and how much of what they reflect the nearest interface reflects, from below.
+        the layers as one; how much of what they reflect the nearest interface reflects, from below; and each of them,
+        the nearest first.
     """
     slabs: list[Slab] = []
     first: Array | None = None
@@ -201,7 +210,7 @@ def _from_below(
     whole = Slab(NONE, ALL, NONE, ALL)
     for n, slab in enumerate(reversed(slabs)):
         whole = add(whole, slab, FLOWS) if n else slab
-    return whole, 1.0 if first is None else first / at_least(whole_sent + 0 * cos, 1e-12)
+    return whole, 1.0 if first is None else first / at_least(whole_sent + 0 * cos, 1e-12), slabs
 
 
 def _known(sharp: Any, boundary: Boundary) -> bool:

@@ -16,6 +16,7 @@ from ...optics.vectors import channels, module_of
 from ..arrays import backend_module, choice, mapped, number_type, vector_type
 from ..bound import bind
 from ..bsdf import BSDF, Sample, directions, random_numbers, same_count
+from ..ledger import Ledger, lit
 from ..numbers import gather_numbers
 from ..smooth import has_delta, smooth_energy, straight
 from .core import LobesCore
@@ -167,6 +168,22 @@ class LobesBSDF(BSDF):
         """Flux transmitted to the other side (no factor of radiance): (N, 3) -> (N, 3)."""
         return self._flux(wi, False, with_error)
 
+    def absorption(self, wi: Any, *, with_error: bool = False) -> Ledger:
+        """Where the light from wi goes, as the recursion has it; errors are 0 (see `eval`), and the precision double.
+
+        Raises:
+            UrushiError: the published form, whose energies do not add up; a Dr.Jit array.
+        """
+        from .ledger import followed
+
+        if self.published:
+            raise UrushiError(
+                "published: found True; allowed for a ledger: False, since its energies do not add up"
+            )
+        array = lit(wi, self._core(self._module, self.double)[0].stack.opaque)
+        self._may_take(len(array))
+        return followed(self, array, with_error)
+
     # --- the lobes ---------------------------------------------------------------------------------------------
 
     def lobes(self, wi: Any) -> LobeTable:
@@ -224,12 +241,15 @@ class LobesBSDF(BSDF):
         return self._erred(self._shaped(value, wi, wi), with_error)
 
     def _map(self, run: Any, inputs: tuple[np.ndarray, ...]) -> list[np.ndarray]:
-        if self.lanes not in (1, len(inputs[0])):
-            raise UrushiError(
-                f"wi: found {len(inputs[0])} rows; allowed: {self.lanes}, as many as the parameters have values"
-            )
+        self._may_take(len(inputs[0]))
         core = self._core(self._module, self.double)[0]
         return mapped(lambda *lanes: run(core, *lanes), inputs, self._module, self.double)
+
+    def _may_take(self, rows: int) -> None:
+        if self.lanes not in (1, rows):
+            raise UrushiError(
+                f"wi: found {rows} rows; allowed: {self.lanes}, as many as the parameters have values"
+            )
 
     def _core(self, module: Any, double: bool) -> tuple[LobesCore, int]:
         key = module.__name__, double

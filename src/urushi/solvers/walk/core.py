@@ -73,14 +73,16 @@ class WalkCore:
         return self._average(wi, one, first, count, 1)
 
     def flux(
-        self, wi: Vector, key: Sequence[Array], seed: Array, first: Array, count: Array
+        self, wi: Vector, key: Sequence[Array], seed: Array, first: Array, count: Array, tally: Any = None
     ) -> tuple[Array, ...]:
-        """Mean flux upwards and downwards, and their mean squares."""
+        """Mean flux upwards and downwards, and their mean squares; a `ledger.Tally` adds its counts and the sum."""
 
-        def one(i: Array) -> tuple[Array, Array]:
-            return trace(self.stack, wi, generator(wi, [*wi, *key], seed, i), self.spectrum, self.max_depth)
+        def one(i: Array) -> tuple[Array, ...]:
+            rng = generator(wi, [*wi, *key], seed, i)
+            found = trace(self.stack, wi, rng, self.spectrum, self.max_depth, tally)
+            return found if tally is None else (*found, sum(found[1:], found[0]))
 
-        return self._average(wi, one, first, count, 2)
+        return self._average(wi, one, first, count, 2 if tally is None else tally.size)
 
     def _average(self, wi: Vector, one: Any, first: Array, count: Array, size: int) -> tuple[Array, ...]:
         uint = dr.uint32_array_t(float_type(wi))

@@ -14,6 +14,7 @@ from urushi.stack import Stack
 from ...optics.vectors import channels, module_of
 from ..arrays import LANES, backend_module, choice, fill, number_type, vector_type, whole
 from ..bsdf import BSDF, Sample, directions, random_numbers, same_count
+from ..ledger import Ledger, lit
 from ..numbers import gather_numbers
 from ..smooth import has_delta
 from .core import WalkCore
@@ -150,6 +151,17 @@ class WalkBSDF(BSDF):
             *((x[0] for x in (wo, weight, pdf, is_delta)) if single else (wo, weight, pdf, is_delta))
         )
 
+    def absorption(self, wi: Any, *, with_error: bool = False) -> Ledger:
+        """Where the light from wi goes, counted event by event; `reflectance` and `transmittance` by the same paths.
+
+        Raises:
+            UrushiError: one sample and `with_error`, a `max_depth` (paths cut off end nowhere), a Dr.Jit array.
+        """
+        from .ledger import counted
+
+        self._may_err(with_error)
+        return counted(self, lit(wi, self._core(self._module)[0].stack.opaque), with_error)
+
     # --- how batches run ---------------------------------------------------------------------------------------
 
     def _flux(self, wi: Any, reflected: bool, with_error: bool) -> Any:
@@ -172,20 +184,11 @@ class WalkBSDF(BSDF):
 
     def _estimate(self, launch: Any, inputs: tuple[np.ndarray, ...], moments: int) -> list[np.ndarray]:
         """Run `launch` on blocks of samples: the mean of them all, its standard error, and what else `launch` gives."""
-        n, blocks = len(inputs[0]), -(-self.samples // BLOCK)
-        counts = np.full(blocks, BLOCK, dtype=np.float64)
-        counts[-1] = self.samples - BLOCK * (blocks - 1)
-        share = counts / self.samples
+        n, (blocks, share) = len(inputs[0]), self.blocks()
         results: list[np.ndarray] = []  # filled piece by piece: a large batch must not be there twice
 
         def run(core: WalkCore, lanes: tuple[Any, ...], block: Any) -> tuple[Any, ...]:
-            first = block * BLOCK
-            # One sample is a program of its own; any other number of them is a number in one program.
-            count: Any = self.samples if self.samples == 1 else self._uint(self.samples)
-            count = count if blocks == 1 else dr.minimum(count - first, BLOCK)
-            if self._module.__name__ == "drjit.scalar" and blocks > 1:
-                count = int(count)
-            return launch(core, lanes, first, count)
+            return launch(core, lanes, *self.block(block, blocks))
 
         step = max(LANES // blocks, 1)
         for start in range(0, n, step):
@@ -195,6 +198,23 @@ class WalkBSDF(BSDF):
             error = np.sqrt(np.maximum(square - np.square(mean), 0) / max(self.samples - 1, 1))
             fill(results, [mean, error, *(x[:, 0] for x in out[moments:])], n, start)
         return results
+
+    def blocks(self) -> tuple[int, np.ndarray]:
+        """Into how many blocks the samples are split, and the share of each."""
+        blocks = -(-self.samples // BLOCK)
+        counts = np.full(blocks, BLOCK, dtype=np.float64)
+        counts[-1] = self.samples - BLOCK * (blocks - 1)
+        return blocks, counts / self.samples
+
+    def block(self, number: Any, blocks: int) -> tuple[Any, Any]:
+        """The number of the first sample of a block, and of how many."""
+        first = number * BLOCK
+        # One sample is a program of its own; any other number of them is a number in one program.
+        count: Any = self.samples if self.samples == 1 else self._uint(self.samples)
+        count = count if blocks == 1 else dr.minimum(count - first, BLOCK)
+        if self._module.__name__ == "drjit.scalar" and blocks > 1:
+            count = int(count)
+        return first, count
 
     def _map(self, launch: Any, inputs: tuple[np.ndarray, ...]) -> list[np.ndarray]:
         """Run `launch` once for every row."""
