@@ -7,8 +7,9 @@ A solver takes a `Stack` and gives a `BSDF` with ``eval``, ``pdf``, ``sample``, 
     adding   adding-doubling of matrices (Jakob et al. 2014)   as asked for     seconds once, then microseconds
     lobes    statistical operators (Belcour 2018)              told by compare  that of a few microfacet lobes
 
-``method="auto"`` takes the first in this table that can do the stack and says why in ``diagnostics``. A solver is a
-package beside this file with a function `solve`, and a line in `SOLVERS`; solvers never import one another.
+``method="auto"`` takes adding where that is done in seconds and the walk elsewhere, and says why in
+``diagnostics["auto"]`` (`auto`). A solver is a package beside this file with a function `solve`, and a line in
+`SOLVERS`; solvers never import one another.
 """
 
 from __future__ import annotations
@@ -16,11 +17,13 @@ from __future__ import annotations
 import difflib
 import importlib
 import os
-from typing import Any
+from collections.abc import Sequence
+from typing import Any, NoReturn
 
 from urushi.errors import UnsupportedStack, UrushiError
 from urushi.stack import Stack
 
+from .auto import choose
 from .bsdf import BSDF, Sample
 
 #: method -> module with `solve(stack, **options)`, the names of those `OPTIONS`, and `reasons_against(stack)`
@@ -30,7 +33,7 @@ SOLVERS = {
     "lobes": "urushi.solvers.lobes",
 }
 
-__all__ = ["BSDF", "SOLVERS", "Sample", "add", "solve"]
+__all__ = ["BSDF", "SOLVERS", "Sample", "add", "choose", "solve"]
 
 
 def solve(stack: Stack | str | os.PathLike[str], method: str = "auto", **options: Any) -> BSDF:
@@ -38,7 +41,8 @@ def solve(stack: Stack | str | os.PathLike[str], method: str = "auto", **options
 
     Args:
         stack: the description, or the path or preset name of one.
-        method: "walk", "adding", "lobes", or "auto" for the first method that can.
+        method: "walk", "adding", "lobes", or "auto" for the one that suits the stack and the options (`auto`), which
+            `diagnostics["auto"]` then names with the reasons.
         **options: see the method. The walk takes `samples`, `seed`, `max_depth`, adding takes `accuracy`, `nodes`,
             `progress`, lobes take `published`, `symmetric`, and all `parameters`, `backend`, `precision`, `mode`
             (`urushi.solvers.walk.solve`, `urushi.solvers.adding.solve`, `urushi.solvers.lobes.solve`).
@@ -54,18 +58,27 @@ def solve(stack: Stack | str | os.PathLike[str], method: str = "auto", **options
         from urushi.io import load
 
         stack = load(stack)
-    able = [name for name in SOLVERS if not _module(name).reasons_against(stack)]
     if method == "auto":
-        if not able:
-            reasons = [reason for name in SOLVERS for reason in _module(name).reasons_against(stack)]
-            raise UnsupportedStack("auto", reasons)
-        method = able[0]
+        known = {option for name in SOLVERS for option in _module(name).OPTIONS}
+        for name in options:
+            if name not in known:
+                _refuse(name, "auto", sorted(known))
+        choice = choose(stack, SOLVERS, options)
+        found = solve(stack, choice.method, **options)
+        found.diagnostics["auto"] = choice.said()
+        return found
     if method not in SOLVERS:
         near = difflib.get_close_matches(str(method), [*SOLVERS, "auto"], n=1)
         hint = f"; did you mean {near[0]!r}?" if near else ""
         raise UrushiError(f"method: found {method!r}; allowed: {', '.join([*SOLVERS, 'auto'])}{hint}")
     _check_options(method, options)
-    return _module(method).solve(stack, **options)
+    try:
+        return _module(method).solve(stack, **options)
+    except UnsupportedStack as error:
+        if error.alternatives or not _module(method).reasons_against(stack):
+            raise  # what the options ask for, the others cannot do either
+        able = [name for name in SOLVERS if name != method and not _module(name).reasons_against(stack)]
+        raise UnsupportedStack(error.method, error.reasons, able) from None
 
 
 def add(coat: BSDF, base: BSDF, **options: Any) -> BSDF:
@@ -92,11 +105,13 @@ def _check_options(method: str, options: dict[str, Any]) -> None:
     allowed = _module(method).OPTIONS
     for name in options:
         if name not in allowed:
-            near = difflib.get_close_matches(name, allowed, n=1)
-            hint = f"; did you mean {near[0]!r}?" if near else ""
-            raise UrushiError(
-                f"unknown option {name!r} of method {method!r}; allowed: {', '.join(allowed)}{hint}"
-            )
+            _refuse(name, method, allowed)
+
+
+def _refuse(name: str, method: str, allowed: Sequence[str]) -> NoReturn:
+    near = difflib.get_close_matches(name, allowed, n=1)
+    hint = f"; did you mean {near[0]!r}?" if near else ""
+    raise UrushiError(f"unknown option {name!r} of method {method!r}; allowed: {', '.join(allowed)}{hint}")
 
 
 def _module(method: str) -> Any:
