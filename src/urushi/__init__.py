@@ -14,6 +14,7 @@ Importing this package is light: Dr.Jit and Mitsuba are imported when something 
 
 from __future__ import annotations
 
+import importlib
 from typing import TYPE_CHECKING, Any
 
 from urushi import llvm as _llvm
@@ -35,6 +36,7 @@ from urushi.stack import (
 _llvm.prepare()  # Dr.Jit takes the first LLVM it finds when it is imported, which may be one too old to work
 
 if TYPE_CHECKING:
+    from urushi import plot
     from urushi.solvers import add, solve
 
 __version__ = "0.1.0"
@@ -54,8 +56,10 @@ def __getattr__(name: str) -> Any:
         from urushi import solvers
 
         return getattr(solvers, name)
+    if name == "plot":  # needs matplotlib, which is an extra
+        return importlib.import_module("urushi.plot")
     raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
 
 
 def __dir__() -> list[str]:
-    return sorted([*globals(), "add", "solve"])
+    return sorted([*globals(), "add", "plot", "solve"])
