@@ -84,12 +84,12 @@ class Interface(ABC):
             return 0 * w.x
         return self.transmit(w, o, above)[0] if through else self.reflect(w, o, above)[0]
 
-    def absorbs(self, w: Vector, event: Scatter) -> Array:
-        """The share of the light that the boundary took up in a sampled event of which nothing was left out.
+    def absorbs(self, w: Vector, event: Scatter) -> Array | None:
+        """The share of the light from w that an opaque boundary took up in a sampled event.
 
-        What else of it `event.weight` lacks is lost between facets that scatter once.
+        What else `event.weight` lacks is lost between facets that scatter once. None where nothing is.
         """
-        return 1 - event.weight if self.opaque else 0 * w.x
+        return None
 
     def roughness(self) -> tuple[Array, Array]:
         """Roughness along x and y of the interface's own frame."""

@@ -80,10 +80,10 @@ class BoundConductor(Interface):
         fresnel = fresnel_conductor(at_most(at_least(dr.dot(w, m), 0), 1), self.eta, self.k)
         return Scatter(self.frame.leave(o), fresnel * dr.select(o.z > 0, masked, 0), 0.25 * visible, False)
 
-    def absorbs(self, w: Vector, event: Scatter) -> Array:
+    def absorbs(self, w: Vector, event: Scatter) -> Array | None:
         """What the facet of the event took up; what it reflects into others is lost."""
         if self.facets is None:
-            return 1 - event.weight
+            return None
         w, o = self.frame.enter(w), self.frame.enter(event.o)
         cos = at_most(at_least(dr.dot(w, halfway(w, o)), 0), 1)
         return 1 - fresnel_conductor(cos, self.eta, self.k)

@@ -102,9 +102,9 @@ class RoughDiffuse(Interface):
             o, weight = dr.select(self.lambert, smooth.o, o), dr.select(self.lambert, smooth.weight, weight)
         return Scatter(o, weight, at_least(o.z, 0) * dr.inv_pi, False)
 
-    def absorbs(self, w: Vector, event: Scatter) -> Array:
-        """What the facet of the event took up, or all of them together where light goes on."""
-        return 1 - event.weight if self.walks else 1 - self.smooth.reflectance + 0 * w.x
+    def absorbs(self, w: Vector, event: Scatter) -> Array | None:
+        """What the facet of the event took up; what it sends into others is lost, unless it goes on."""
+        return None if self.walks else 1 - self.smooth.reflectance + 0 * w.x
 
     def smooth_energy(self, cos: Array, above: bool) -> tuple[Array, Array]:
         return self.smooth.smooth_energy(cos, above)

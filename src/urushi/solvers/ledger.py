@@ -141,12 +141,26 @@ def owners(stack: Stack) -> tuple[list[int | None], list[int | None]]:
     return interfaces, media
 
 
-def rows(stack: Stack, found: Mapping[int, np.ndarray], like: np.ndarray) -> np.ndarray:
-    """(L, N, C) an entry for every layer, 0 where nothing was found, from (N,) or (N, C) by layer."""
-    whole = np.zeros((len(stack.layers), *like.shape))
-    for layer, values in found.items():
-        whole[layer] = coloured(values)
-    return whole
+def filed(
+    stack: Stack,
+    wi: np.ndarray,
+    leaving: tuple[np.ndarray, np.ndarray],
+    absorbed: Mapping[int, np.ndarray],
+    lost: Mapping[int, np.ndarray],
+) -> Ledger:
+    """A ledger with a row for every layer.
+
+    Args:
+        wi: (N, 3) directions.
+        leaving: (N, C) reflected and transmitted.
+        absorbed, lost: (N, C) by number of the layer; others have 0.
+    """
+    zeros = np.zeros((len(stack.layers), *leaving[0].shape))
+    found = zeros, zeros.copy()
+    for whole, entries in zip(found, (absorbed, lost), strict=True):
+        for layer, values in entries.items():
+            whole[layer] = values
+    return Ledger(wi, leaving[0], leaving[1], found[0], found[1], names(stack))
 
 
 def coloured(values: np.ndarray) -> np.ndarray:

@@ -52,7 +52,20 @@ def straight(stack: BoundStack, wi: Vector) -> Vector:
 
 
 def _series(stack: BoundStack, cos: list[Array]) -> Slab:
-    whole: Slab | None = None
+    first, *others = layers(stack, cos)
+    whole = first
+    for slab in others:
+        whole = add(whole, slab)
+    return whole
+
+
+def layers(stack: BoundStack, cos: list[Array]) -> list[Slab]:
+    """What each interface and each medium does to unscattered light, top down, a medium below its interface.
+
+    Args:
+        cos: the cosine in every region (`cosines`).
+    """
+    found = []
     for k, interface in enumerate(stack.interfaces):
         r_top, t_down = interface.smooth_energy(cos[k], above=True)
         if interface.opaque:
@@ -62,11 +75,9 @@ def _series(stack: BoundStack, cos: list[Array]) -> Slab:
             # Where total reflection keeps light out of the region below, nothing bounces; and rounding must not make
             # anything bounce there for ever.
             r_bottom = dr.select(cos[k + 1] > 0, at_most(r_bottom, 1 - 2e-7), 0)
-        slab = Slab(r_top, t_down, r_bottom, t_up)
         medium = stack.media[k]
-        if medium is not None and whole is not None:
+        if medium is not None:
             passed = medium.transmittance(1.0, inverse_cosine(cos[k]))
-            whole = add(whole, Slab(0.0, passed, 0.0, passed))
-        whole = slab if whole is None else add(whole, slab)
-    assert whole is not None
-    return whole
+            found.append(Slab(0.0, passed, 0.0, passed))
+        found.append(Slab(r_top, t_down, r_bottom, t_up))
+    return found

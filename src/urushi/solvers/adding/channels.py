@@ -6,6 +6,7 @@ Wavelengths know nothing of one another, in the equations as in nature, so a spe
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -15,6 +16,7 @@ from urushi.stack import Stack
 
 from ..bsdf import BSDF, Sample, random_numbers, same_count
 from ..bsdf import directions as checked
+from ..ledger import Ledger, alike
 from .result import AddingBSDF
 
 
@@ -85,6 +87,20 @@ class ChannelsBSDF(BSDF):
         return self._flux(
             [part.transmittance(_numpy(wi), with_error=with_error) for part in self.parts], with_error
         )
+
+    def absorption(self, wi: Any, *, with_error: bool = False) -> Ledger:
+        """Where the light goes, in each of C channels; as `AddingBSDF.absorption`."""
+        found = [part.absorption(_numpy(wi), with_error=with_error) for part in self.parts]
+        ledger = replace(
+            found[0],
+            reflected=self._joined([part.reflected for part in found]),
+            transmitted=self._joined([part.transmitted for part in found]),
+            absorbed=self._joined([part.absorbed for part in found]),
+            lost=self._joined([part.lost for part in found]),
+            error=None,
+        )
+        error = max(float(part.diagnostics["estimated_error"]) for part in self.parts)
+        return replace(ledger, error=alike(ledger, error)) if with_error else ledger
 
     def pdf(self, wi: Any, wo: Any) -> Any:
         """Density of `sample` per solid angle: numpy (N, 3), (N, 3) -> (N,)."""

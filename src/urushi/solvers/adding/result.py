@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import drjit as dr
@@ -15,6 +15,7 @@ from ...optics.vectors import channels, module_of
 from ..arrays import backend_module, choice, mapped, number_type, vector_type
 from ..bound import BoundStack, bind
 from ..bsdf import BSDF, Sample, directions, random_numbers, same_count
+from ..ledger import Ledger, alike, lit
 from ..numbers import gather_numbers
 from .core import AddingCore, Prepared
 from .solution import Part, Solution
@@ -109,6 +110,7 @@ class AddingBSDF(BSDF):
             )
         self.prepared = Prepared.build(solution, bound, order)
         self._cores: dict[tuple[str, bool], AddingCore] = {}
+        self._interior: Any = None
         cells = self.prepared.cells
         self.diagnostics = solution.diagnostics | {
             "method": "adding",
@@ -194,6 +196,25 @@ class AddingBSDF(BSDF):
     def transmittance(self, wi: Any, *, with_error: bool = False) -> Any:
         """Flux transmitted to the other side (no factor of radiance): (N, 3) -> (N, C)."""
         return self._flux(wi, AddingCore.transmittance, with_error)
+
+    def absorption(self, wi: Any, *, with_error: bool = False) -> Ledger:
+        """Where the light from wi goes, exactly; errors are what the solver expects (as for `reflectance`).
+
+        The operators of a whole stack know nothing of its inside, so the layers are put together once more on the same
+        nodes, for what has no azimuth; the first call takes part of the time of `solve`. That goes for results of
+        `ur.add` and those read from a file as well.
+
+        Raises:
+            UrushiError: a Dr.Jit array, or a direction that no light comes from.
+        """
+        from .ledger import Interior
+
+        array = lit(wi, (True, False) not in self.solution.parts)
+        if self._interior is None:
+            self._interior = Interior.solve(self.stack, self.solution, self.prepared.order)
+        found = self._interior.ledger(array)
+        error = float(self.solution.diagnostics.get("estimated_error", np.nan))
+        return replace(found, error=alike(found, error)) if with_error else found
 
     def pdf(self, wi: Any, wo: Any) -> Any:
         """Density of `sample` per solid angle: (N, 3), (N, 3) -> (N,); delta parts are 0."""

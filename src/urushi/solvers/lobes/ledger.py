@@ -17,7 +17,7 @@ import numpy as np
 from ...adding import Slab, within
 from ...optics.vectors import Array, Vector, at_least
 from ..arrays import mapped
-from ..ledger import Ledger, alike, coloured, names, owners, rows
+from ..ledger import Ledger, alike, coloured, filed, owners
 from .flow import FLOWS, Flow, times
 from .medium import Particles
 from .recursion import respond
@@ -121,6 +121,5 @@ def followed(bsdf: LobesBSDF, wi: np.ndarray, with_error: bool) -> Ledger:
             absorbed[layer], lost[layer] = kept - values[2], values[2]
         else:
             lost[layer] = kept
-    r, t = values[:2]
-    found = Ledger(wi, r, t, rows(stack, absorbed, r), rows(stack, lost, r), names(stack))
+    found = filed(stack, wi, (values[0], values[1]), absorbed, lost)
     return replace(found, error=alike(found, 0.0)) if with_error else found

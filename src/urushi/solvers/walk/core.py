@@ -13,6 +13,7 @@ from ...optics.vectors import Array, Vector, float_type
 from ..bound import BoundStack
 from ..direct import direct, direct_is_certain
 from .proposal import propose
+from .sharp import follow
 from .trace import trace
 from .walk import estimate
 
@@ -113,6 +114,14 @@ class WalkCore:
 
     def sample(self, wi: Vector, u: Vector) -> tuple[Vector, Array, Array, Any]:
         """(wo, density or probability, what a delta part carries in flux, mask of delta lanes)."""
-        proposal = propose(self.stack.still or self.stack, wi)
+        still = self.stack.still or self.stack
+        proposal = propose(still, wi)
         wo, probability, carried, delta = proposal.sample(wi, u)
+        if still.tilted and proposal.mirror_share is not None:
+            # Where smooth interfaces are not parallel, the delta parts have no closed form.
+            rng = generator(wi, [*wi, *u], 0, 0)
+            sharp, flux = follow(still, wi, rng, self.spectrum)
+            wo = dr.select(delta, sharp, wo)
+            probability = dr.select(delta, proposal.mirror_share + proposal.straight_share, 0)
+            carried = dr.select(delta, flux, 0)
         return wo, dr.select(delta, probability, proposal.pdf(wo)), carried, delta

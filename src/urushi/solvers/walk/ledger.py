@@ -15,12 +15,12 @@ import numpy as np
 
 from urushi.errors import UrushiError
 
-from ...interfaces import Scatter
+from ...interfaces import BoundDiffuse, Scatter
 from ...media import inverse_cosine
 from ...optics.vectors import Array, Vector
 from ..arrays import LANES, fill
 from ..bound import BoundStack
-from ..ledger import Errors, Ledger, coloured, names, owners, rows
+from ..ledger import Errors, Ledger, coloured, filed, owners
 from .core import WalkCore
 
 if TYPE_CHECKING:
@@ -45,7 +45,8 @@ class Tally:
         for k, layer in enumerate(interfaces):
             if layer is not None and stack.interfaces[k].opaque:
                 self.absorbing[k] = self._place(False, layer)
-            if layer is not None and stack.interfaces[k].delta is not True:
+            interface = stack.interfaces[k]
+            if layer is not None and interface.delta is not True and not isinstance(interface, BoundDiffuse):
                 self.losing[k] = self._place(True, layer)
         for region, layer in enumerate(media):
             if layer is not None:
@@ -84,10 +85,10 @@ class Tally:
         if out is not None:
             missing = missing - dr.select(out.o.z < 0, out.weight, 0)
         if k in self.absorbing:
-            taken = self.stack.interfaces[k].absorbs(w, event) if k in self.losing else missing
-            self._count(s, self.absorbing[k], s["throughput"] * taken, here)
-            missing = missing - taken
-        if k in self.losing:
+            taken = self.stack.interfaces[k].absorbs(w, event)
+            self._count(s, self.absorbing[k], s["throughput"] * (missing if taken is None else taken), here)
+            missing = None if taken is None else missing - taken
+        if k in self.losing and missing is not None:
             self._count(s, self.losing[k], s["throughput"] * missing, here)
 
     def _count(self, s: Any, place: int, value: Array, here: Any) -> None:
@@ -109,13 +110,13 @@ def counted(bsdf: WalkBSDF, wi: np.ndarray, with_error: bool) -> Ledger:
     mean, error, tally = _moments(bsdf, wi, interfaces, media)
     above = wi[:, 2:] > 0
     reflected, transmitted = np.where(above, mean[0], mean[1]), np.where(above, mean[1], mean[0])
-    absorbed, lost = _by_layer(bsdf, tally, mean, reflected)
-    found = Ledger(wi, reflected, transmitted, absorbed, lost, names(bsdf.stack))
+    found = _filed(bsdf, wi, tally, mean, (reflected, transmitted))
     if not with_error:
         return found
-    r, t = np.where(above, error[0], error[1]), np.where(above, error[1], error[0])
-    absorbed, lost = _by_layer(bsdf, tally, error, r)
-    return replace(found, error=Errors(r, t, absorbed, lost, error[-1]))
+    own = np.where(above, error[0], error[1]), np.where(above, error[1], error[0])
+    spread = _filed(bsdf, wi, tally, error, own)
+    errors = Errors(spread.reflected, spread.transmitted, spread.absorbed, spread.lost, error[-1])
+    return replace(found, error=errors)
 
 
 def _moments(
@@ -144,13 +145,16 @@ def _moments(
     return found[: tally.size], found[tally.size :], tally
 
 
-def _by_layer(bsdf: WalkBSDF, tally: Tally, values: list[np.ndarray], like: np.ndarray) -> list[np.ndarray]:
-    """(absorbed, lost) of all layers, from the values of all places after the first two."""
-    return [
-        rows(
-            bsdf.stack,
-            {layer: values[2 + j] for j, (lost, layer) in enumerate(tally.places) if lost == wanted},
-            like,
-        )
+def _filed(
+    bsdf: WalkBSDF,
+    wi: np.ndarray,
+    tally: Tally,
+    values: list[np.ndarray],
+    leaving: tuple[np.ndarray, np.ndarray],
+) -> Ledger:
+    """The values of all places, which come after the first two, by layer."""
+    absorbed, lost = (
+        {layer: values[2 + j] for j, (gone, layer) in enumerate(tally.places) if gone == wanted}
         for wanted in (False, True)
-    ]
+    )
+    return filed(bsdf.stack, wi, leaving, absorbed, lost)
