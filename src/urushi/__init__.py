@@ -36,7 +36,7 @@ from urushi.stack import (
 _llvm.prepare()  # Dr.Jit takes the first LLVM it finds when it is imported, which may be one too old to work
 
 if TYPE_CHECKING:
-    from urushi import plot
+    from urushi import plot as plot
     from urushi.solvers import add, solve
 
 __version__ = "0.1.0"
