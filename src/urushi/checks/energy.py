@@ -8,7 +8,7 @@ from urushi.solvers import BSDF
 from urushi.stack import Stack
 
 from .chance import sigmas
-from .report import Answers, Report
+from .report import Answers, Report, row
 from .sphere import views
 
 COSINES = (1.0, 0.9, 0.7, 0.5, 0.3, 0.15, 0.05, 0.01)
@@ -38,9 +38,9 @@ def check(answers: Answers, quick: bool) -> Report:
             f"; nothing absorbs, so what is missing, {100 * (1 - total.mean(axis=1)).max():.2g} % at most, is what "
             "microfacets lose that scatter light only once"
         )
-    if number > limit:
-        text += "; look closer with reflectance(wi, with_error=True)"
-    return Report.of("energy", number, limit, text)
+    w = row(wi[worst[0]])
+    closer = f"bsdf.reflectance({w}, with_error=True), bsdf.transmittance({w}, with_error=True)"
+    return Report.of("energy", number, limit, text, closer)
 
 
 def fluxes(bsdf: BSDF, wi: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -55,7 +55,9 @@ def lossless(stack: Stack) -> str:
     """ "smooth" or "rough" where the description lets nothing absorb, else ""."""
     rough = False
     for layer in stack.layers:
-        if layer.kind == "conductor" or (layer.kind == "diffuse" and not _all(layer.reflectance, 1)):  # type: ignore[attr-defined]
+        if layer.kind in ("conductor", "bsdf") or (
+            layer.kind == "diffuse" and not _all(layer.reflectance, 1)
+        ):  # type: ignore[attr-defined]
             return ""
         if layer.kind == "medium" and not _all(layer.albedo, 1) and not _all(layer.optical_depth, 0):  # type: ignore[attr-defined]
             return ""

@@ -1,6 +1,7 @@
-"""Normalisation: the density of `sample`, with the probabilities of the delta parts, adds up to 1.
+"""Normalisation: the density of `sample`, with the probabilities of the delta parts and of no sample, adds up to 1.
 
-A deterministic integral: a chi² test of a million samples misses an error of 1 %.
+A deterministic integral: a chi² test of a million samples misses an error of 1 %. Only how often there is no sample
+(density 0) is counted, where that happens at all.
 """
 
 from __future__ import annotations
@@ -9,7 +10,8 @@ import numpy as np
 
 from urushi.solvers import BSDF
 
-from .report import Answers, Report
+from .chance import numbers, sigmas
+from .report import Answers, Report, row
 from .sphere import integrate, patches, views
 
 COSINES = (1.0, 0.7, 0.3, 0.05)
@@ -17,22 +19,33 @@ LIMIT = 1e-3
 
 
 def check(answers: Answers, quick: bool) -> Report:
-    """1 minus the integral of `pdf` over the sphere minus the delta parts, from several directions."""
+    """1 minus the integral of `pdf` over the sphere, the delta parts and the void, from several directions."""
     bsdf = answers(1)
-    worst, text = 0.0, ""
-    for wi in views(bsdf.stack, COSINES if quick else (*COSINES, 0.9, 0.5, 0.15, 0.01)):
-        density, left, delta = total(bsdf, wi, 3e-5 if quick else 3e-6)
-        off = abs(density + delta - 1)
-        if not off <= worst or not text:
-            worst = off
-            text = f"the density integrates to {density:.5f} and delta parts have {delta:.5f} at cosine {wi[2]:.2f}"
+    worst, limit, text, closer = 0.0, LIMIT, "", ""
+    tolerance = 3e-5 if quick else 3e-6
+    cosines = COSINES if quick else (*COSINES, 0.9, 0.5, 0.15, 0.01)
+    every = views(bsdf.stack, cosines)
+    for i, wi in enumerate(every):
+        density, left, delta = total(bsdf, wi, tolerance)
+        void, error = nothing(bsdf, wi, 400 + i)
+        off, allowed = abs(density + delta + void - 1), LIMIT + sigmas(len(every)) * error
+        if not off / allowed <= worst / limit or not text:
+            worst, limit = off, allowed
+            text = f"the density integrates to {density:.5f} and delta parts have {delta:.5f}"
+            text += f", no sample {void:.5f}" * (void > 0) + f" at cosine {wi[2]:.2f}"
             if left > LIMIT:
                 text += f" (the integral itself is uncertain by {left:.1g})"
+            closer = f"checks.normalisation.total(bsdf, np.array({row(wi)[1:-1]}), {tolerance:g})"
         if not np.isfinite(off):
             break
-    if not worst <= LIMIT:
-        text += f"; look closer with pdf(wi, wo), wi={np.round(wi, 4).tolist()}"
-    return Report.of("normalisation", worst, LIMIT, text)
+    return Report.of("normalisation", worst, limit, text, closer)
+
+
+def nothing(bsdf: BSDF, wi: np.ndarray, stream: int, n: int = 1 << 15) -> tuple[float, float]:
+    """Probability that there is no sample at all, and its standard error."""
+    void = bsdf.sample(np.broadcast_to(wi, (n, 3)), numbers(n, stream)).pdf <= 0
+    share = float(np.mean(void))
+    return share, float(np.sqrt(share * (1 - share) / n))
 
 
 def total(bsdf: BSDF, wi: np.ndarray, tolerance: float) -> tuple[float, float, float]:

@@ -15,7 +15,7 @@ import numpy as np
 
 from urushi.stack import Stack
 
-from .chance import SEED
+from . import chance
 
 #: logarithm of the smallest radius; a lobe of roughness 1e-3 has less than a millionth of its energy inside
 INNERMOST = -14.0
@@ -40,7 +40,8 @@ def views(stack: Stack, cosines: tuple[float, ...]) -> np.ndarray:
 
 def indices(stack: Stack) -> tuple[float, float]:
     """Absolute index above and below the stack (below an opaque base: above)."""
-    found = [layer.ior for layer in stack.layers if layer.kind == "dielectric"]  # type: ignore[attr-defined]
+    # A BSDF that comes from elsewhere says of itself as a whole what it is ("bsdf").
+    found = [layer.ior for layer in stack.layers if layer.kind in ("dielectric", "bsdf")]  # type: ignore[attr-defined]
     below = found[-1] if found and not stack.layers[-1].opaque else stack.exterior
     return stack.exterior, float(below) if isinstance(below, (int, float)) else float("nan")
 
@@ -117,7 +118,7 @@ class Patch:
             independent of one another. What is sharp counts on the first grid, what is broad on the second (balance
             heuristic, Veach 1997).
         """
-        rng = np.random.default_rng((SEED, stream))
+        rng = np.random.default_rng((chance.SEED, stream))
         n = shape[0] * shape[1]
         i, j = (grid.ravel() for grid in np.meshgrid(*map(np.arange, shape), indexing="ij"))
         v, z = (((i + rng.random((2, n))) / shape[0]).ravel() for _ in range(2))
