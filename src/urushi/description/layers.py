@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from typing import Annotated, Any, ClassVar, Literal
 
 from urushi.description.base import Choice, Description, Registered, Rule, close, shown
-from urushi.description.parameter import Normal, Parameter, Roughness, Texture, scaled
+from urushi.description.parameter import Covariance, Normal, Parameter, Roughness, Texture, scaled
 from urushi.description.phases import PHASES, Isotropic, Phase
 from urushi.errors import MaterialError
 
@@ -56,6 +56,15 @@ NormalVector = Annotated[
     tuple[float, float, float] | Texture | None,
     Normal(-1.0, 1.0, size=3, meaning="shading normal in the tangent frame (none: the surface's own)"),
 ]
+SlopeVariance = Annotated[
+    tuple[float, float, float] | Texture | None,
+    Covariance(
+        -0.5,
+        0.5,
+        size=3,
+        meaning="variance xx, yy and covariance xy of the slopes of a normal map too fine to be seen (none: 0)",
+    ),
+]
 Rotation = Annotated[
     Number,
     Parameter(
@@ -102,6 +111,7 @@ class Dielectric(Layer):
         multiple_scattering: False, "walk" or "compensated".
         normal: shading normal, a vector in the tangent frame or a normal map (None: the surface's own).
         rotation: rotation of the tangent frame about the normal in degrees.
+        slope_variance: (xx, yy, xy) of the slopes of a normal map too fine to be seen, which adds to the roughness.
 
     Raises:
         MaterialError: a value is not allowed.
@@ -125,6 +135,7 @@ class Dielectric(Layer):
     multiple_scattering: MultipleScattering = False
     normal: NormalVector = None
     rotation: Rotation = 0.0
+    slope_variance: SlopeVariance = None
 
     @classmethod
     def check(cls, values: Mapping[str, Any]) -> None:
@@ -172,6 +183,7 @@ class Conductor(Layer):
         multiple_scattering: False, "walk" or "compensated".
         normal: shading normal, a vector in the tangent frame or a normal map (None: the surface's own).
         rotation: rotation of the tangent frame about the normal in degrees.
+        slope_variance: (xx, yy, xy) of the slopes of a normal map too fine to be seen, which adds to the roughness.
 
     Raises:
         MaterialError: a value is not allowed, or neither or both of ``material`` and ``eta``, ``k`` are given.
@@ -194,6 +206,7 @@ class Conductor(Layer):
     multiple_scattering: MultipleScattering = False
     normal: NormalVector = None
     rotation: Rotation = 0.0
+    slope_variance: SlopeVariance = None
 
     @classmethod
     def check(cls, values: Mapping[str, Any]) -> None:

@@ -209,6 +209,36 @@ class Normal(Parameter):
         return {"anyOf": [vector, {"$ref": "#/$defs/texture"}]}
 
 
+class Covariance(Parameter):
+    """Variances along x and y and the covariance of both: a symmetric matrix that is nowhere negative."""
+
+    def together(self, values: tuple[float, ...]) -> tuple[float, ...]:
+        """A matrix that some slopes have."""
+        xx, yy, xy = values
+        if min(xx, yy) < 0:
+            raise self.refuse(values, "of which a variance is negative")
+        if xy * xy > xx * yy * (1 + 1e-6):
+            raise self.refuse(values, "whose covariance is too large for its variances")
+        return values
+
+    def bounded(self, value: Any, where: str | None = None) -> float:
+        """One entry; a number on its own is no matrix."""
+        if where is None:
+            raise self.refuse(value)
+        return super().bounded(value, where)
+
+    def allowed(self) -> str:
+        """In words."""
+        return f"a list of three numbers xx, yy, xy up to {self.high:g} with xy * xy <= xx * yy, or a texture"
+
+    def schema(self) -> dict[str, Any]:
+        """Three numbers or a texture."""
+        variance = {"type": "number", "minimum": 0, "maximum": self.high}
+        both = {"type": "number", "minimum": self.low, "maximum": self.high}
+        entries = {"type": "array", "prefixItems": [variance, variance, both], "minItems": 3, "maxItems": 3}
+        return {"anyOf": [entries, {"$ref": "#/$defs/texture"}]}
+
+
 class _File(Rule):
     """A path, kept absolute, so that it means the same in every working directory."""
 

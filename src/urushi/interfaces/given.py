@@ -6,6 +6,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
+import drjit as dr
+
 from ..optics.microfacet import Microfacets
 from ..optics.vectors import Array, at_least
 from .base import Frame
@@ -46,13 +48,42 @@ class Given:
         known = self.known(key)
         return known is not None and max(known if isinstance(known, tuple) else (known,)) == 0
 
+    def widened(self) -> tuple[Array, Array, Array, Array] | None:
+        """Roughness along two axes, the angle of the first, and the mean square, with what a normal map adds to it.
+
+        A normal map too fine to be seen spreads slopes by its variance: alpha^2 / 2 is that of Beckmann's facets, so
+        twice the variance adds to alpha^2 (Olano & Baker 2010); so it does here for either distribution. None where
+        nothing is added.
+        """
+        if f"{self.name}.slope_variance" not in self.values or self.is_zero("slope_variance"):
+            return None
+        alpha, (xx, yy, xy) = self["alpha"], (self["slope_variance"][i] for i in range(3))
+        x, y = alpha if isinstance(alpha, (tuple, list)) else (alpha, alpha)
+        sin, cos = dr.sincos(self["rotation"] * (dr.pi / 180))
+        a, b = x * x, y * y
+        xx = a * cos * cos + b * sin * sin + 2 * xx
+        yy = a * sin * sin + b * cos * cos + 2 * yy
+        xy = (a - b) * sin * cos + 2 * xy
+        mean, half = 0.5 * (xx + yy), 0.5 * (xx - yy)
+        length = dr.sqrt(half * half + xy * xy + 1e-20)
+        # Where both axes are alike any will do, and the angle must not depend on rounding.
+        angle = 0.5 * dr.atan2(xy, half + dr.select(length > 1e-9, 0.0, 1.0))
+        return dr.sqrt(mean + length), dr.sqrt(at_least(mean - length, 0)), angle * (180 / dr.pi), mean
+
     def facets(self) -> tuple[Microfacets | None, Any]:
         """Microfacets (None when smooth everywhere) and the mask of smooth lanes (True or False where certain)."""
+        wide = self.widened()
+        if wide is not None:
+            x, y, _, mean = wide
+            delta: Any = False if self.known("slope_variance") is not None else mean <= 0
+            masking = getattr(self.layer, "masking", "correlated")
+            wide_x, wide_y = at_least(x, SMALLEST), at_least(y, SMALLEST)
+            return Microfacets(wide_x, wide_y, self.layer.distribution, masking), delta
         if self.is_zero("alpha"):
             return None, True
         alpha = self["alpha"]
         x, y = alpha if isinstance(alpha, (tuple, list)) else (alpha, alpha)
-        delta: Any = False
+        delta = False
         if self.known("alpha") is None:
             delta = (x <= 0) & (y <= 0)
             if delta is True:
@@ -64,6 +95,9 @@ class Given:
 
     def frame(self) -> Frame:
         """The rotation of the tangent frame, unless the roughness is the same in all directions."""
+        wide = self.widened()
+        if wide is not None:
+            return Frame(wide[2])
         isotropic = not isinstance(self["alpha"], (tuple, list))
         return Frame(0.0 if isotropic or self.is_zero("rotation") else self["rotation"])
 

@@ -20,6 +20,7 @@ from typing import Any
 
 from ..interfaces import INTERFACES, Interface, Null, key
 from ..interfaces.given import Given
+from ..interfaces.tilted import Tilted
 from ..media import MEDIA, BoundMedium
 from ..optics.vectors import Array
 
@@ -42,6 +43,11 @@ class BoundStack:
     @property
     def opaque(self) -> bool:
         return self.interfaces[-1].opaque
+
+    @property
+    def tilted(self) -> bool:
+        """Whether any interface has a normal of its own, so that directions inside are not those of parallel planes."""
+        return any(interface.tilted for interface in self.interfaces)
 
     @property
     def regions(self) -> range:
@@ -84,7 +90,11 @@ def bind(stack: Any, values: Mapping[str, Array], fixed: Mapping[str, Any]) -> B
     for i, layer in enumerate(stack.layers):
         given = Given(layer, f"layer_{i}", values, fixed, indices[-1], known_index[-1])
         if layer.kind not in MEDIA:
-            close(*INTERFACES[key(layer)].bind(given))
+            interface, index, known = INTERFACES[key(layer)].bind(given)
+            normal = values.get(f"layer_{i}.normal")
+            if normal is not None and not isinstance(interface, Null):
+                interface = Tilted(interface, normal)
+            close(interface, index, known)
             pending = False
             continue
         if pending or not interfaces:

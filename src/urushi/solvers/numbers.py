@@ -17,6 +17,9 @@ from urushi.errors import MaterialError, UnsupportedStack
 from urushi.optics.ior import conductor_rgb
 from urushi.stack import Stack, Texture
 
+#: parameters of three numbers that are no colours, and what they are where nothing is said
+VECTORS = {"normal": (0.0, 0.0, 1.0), "slope_variance": (0.0, 0.0, 0.0)}
+
 
 @dataclass
 class Numbers:
@@ -43,7 +46,22 @@ def described(stack: Stack) -> dict[str, Any]:
         if material is not None:
             found[f"layer_{i}.eta"], found[f"layer_{i}.k"] = conductor_rgb(material)
     found["exterior"] = stack.exterior
-    return {name: value for name, value in found.items() if not name.endswith(".normal")}
+    return found
+
+
+def is_vector(name: str) -> bool:
+    """Whether a parameter is three numbers that are no colour."""
+    return name.rsplit(".", 1)[-1] in VECTORS
+
+
+def _unsaid(stack: Stack, given: Mapping[str, Any]) -> dict[str, Any]:
+    """Normals and the like that are given although the description has none."""
+    found = {}
+    for i, layer in enumerate(stack.layers):
+        for field, value in VECTORS.items():
+            if hasattr(layer, field) and getattr(layer, field) is None and f"layer_{i}.{field}" in given:
+                found[f"layer_{i}.{field}"] = value
+    return found
 
 
 def gather_numbers(
@@ -65,6 +83,8 @@ def gather_numbers(
     """
     given = dict(given or {})
     stack = _spelt_out(stack, given)
+    unsaid = _unsaid(stack, given)
+    stack = stack.replace(unsaid) if unsaid else stack
     known = described(stack)
     for name in given:
         if name not in known:
@@ -101,6 +121,7 @@ def gather_numbers(
             fixed[name] = value
             values[name] = _constant(name, value, module, double)
             colour = isinstance(value, tuple) and len(value) == 3
+        colour = colour and not is_vector(name)
         coloured = coloured or colour
     return Numbers(values, fixed, lanes, coloured)
 
@@ -166,13 +187,21 @@ def _lanes(stack: Stack, name: str, value: Any, module: Any, double: bool) -> tu
             f"found a Dr.Jit array of shape {dr.shape(value)}; allowed: numbers or colours", where=name
         )
     array = np.asarray(value, dtype=np.float64)
-    allows_colour = name.rsplit(".", 1)[-1] in ("albedo", "reflectance", "depth", "sigma_t", "eta", "k")
+    vector = is_vector(name)
+    allows_colour = vector or name.rsplit(".", 1)[-1] in (
+        "albedo",
+        "reflectance",
+        "depth",
+        "sigma_t",
+        "eta",
+        "k",
+    )
     pair = name.endswith(".alpha")
     check_range(stack, name, array)
-    if array.ndim == 0 or (array.ndim == 1 and array.shape[0] == 3 and allows_colour):
+    if (array.ndim == 0 and not vector) or (array.ndim == 1 and array.shape[0] == 3 and allows_colour):
         plain = float(array) if array.ndim == 0 else tuple(float(v) for v in array)
         return _constant(name, plain, module, double), 1, array.ndim == 1
-    if array.ndim == 1 or (array.ndim == 2 and array.shape[1] == 1):
+    if not vector and (array.ndim == 1 or (array.ndim == 2 and array.shape[1] == 1)):
         return number(array.ravel().tolist() if number is float else array.ravel()), array.shape[0], False
     columns = (
         [number(np.ascontiguousarray(array[:, i])) for i in range(array.shape[1])] if array.ndim == 2 else []
@@ -181,9 +210,9 @@ def _lanes(stack: Stack, name: str, value: Any, module: Any, double: bool) -> tu
         return colour(*columns), array.shape[0], True
     if len(columns) == 2 and pair:
         return tuple(columns), array.shape[0], False
+    numbers = "(3,)" if vector else "a number, (N,)"
     raise MaterialError(
-        f"found shape {array.shape}; allowed: a number, (N,)" + (" or (N, 3)" if allows_colour else ""),
-        where=name,
+        f"found shape {array.shape}; allowed: {numbers}" + (" or (N, 3)" if allows_colour else ""), where=name
     )
 
 
@@ -193,8 +222,26 @@ def check_range(stack: Stack, name: str, array: np.ndarray) -> None:
         raise MaterialError("found a value that is not finite; allowed: numbers", where=name)
     if array.size == 0:
         raise MaterialError("found no values; allowed: at least one", where=name)
+    if is_vector(name):
+        if array.shape[-1:] == (3,) and array.ndim <= 2:
+            _check_vectors(stack, name, np.atleast_2d(array))
+        return
     for extreme in {float(array.min()), float(array.max())}:
         if name == "exterior":
             stack.replace({"exterior": extreme})
         else:
             stack.replace({name: extreme})
+
+
+def _check_vectors(stack: Stack, name: str, rows: np.ndarray) -> None:
+    """The description checks the rows that stand out; all others lie between them."""
+    x, y, z = rows.T
+    if name.endswith(".normal"):
+        found = {int(np.argmin(z)), *(int(i) for c in rows.T for i in (np.argmin(c), np.argmax(c)))}
+    else:
+        found = {
+            int(np.argmin(x * y - z * z)),
+            *(int(i) for c in rows.T for i in (np.argmin(c), np.argmax(c))),
+        }
+    for i in sorted(found):
+        stack.replace({name: tuple(float(v) for v in rows[i])})

@@ -6,6 +6,7 @@ would leave along wo. The mean of many paths is the truth, whatever the layers; 
 
     walk       one path and what it says about f(wi, wo)            exit     where a path must head to leave along wo
     trace      one path and where its light ends up                 core     all of it, as a BSDF on Dr.Jit arrays
+    sharp      light between smooth interfaces that are not parallel
     proposal   where to send samples: a mixture of known density
 
 Sources: Pharr & Hanrahan 2000; Guo, Hasan & Zhao 2018.
@@ -26,13 +27,7 @@ OPTIONS = ("samples", "seed", "max_depth", "parameters", "backend", "precision",
 
 def reasons_against(stack: Stack) -> list[str]:
     """What of this stack the walk cannot do; empty if it can."""
-    reasons = []
-    for i, layer in enumerate(stack.layers):
-        if getattr(layer, "normal", None) is not None:
-            reasons.append(
-                f"layers[{i}].normal is given, and shading normals of single interfaces are not there yet"
-            )
-    return reasons
+    return []
 
 
 def solve(stack: Stack, **options: Any) -> Any:

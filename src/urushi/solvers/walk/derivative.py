@@ -22,6 +22,7 @@ from urushi.errors import UnsupportedStack
 from ...interfaces import Interface, Scatter
 from ...interfaces.base import Part
 from ...interfaces.given import Given
+from ...interfaces.tilted import Came
 from ...media import inverse_cosine
 from ...media.homogeneous import Flight
 from ...optics.random import Generator
@@ -109,9 +110,10 @@ def _follow(weight: Array, live: Array, density: Array) -> Array:
 class LiveInterface(Interface):
     """An interface whose values are live and whose sampling stands still."""
 
-    def __init__(self, live: Interface, still: Interface) -> None:
+    def __init__(self, live: Any, still: Any) -> None:
         self.live, self.still = live, still
         self.opaque, self.flat, self.delta = live.opaque, live.flat, still.delta
+        self.tilted = live.tilted
 
     @classmethod
     def bind(cls, given: Given) -> tuple[Interface, Array, float | None]:
@@ -161,8 +163,27 @@ class LiveInterface(Interface):
         energy = dr.select(event.through, t, r)
         return Scatter(event.o, _follow(event.weight, energy, energy), event.pdf, event.through)
 
+    def back(
+        self, o: Vector, w: Vector, above: bool, part: Part = "both", rng: Generator | None = None
+    ) -> tuple[Array, Array]:
+        value, pdf = self.live.back(o, w, above, part, rng)
+        return value, dr.detach(pdf)
+
+    def towards(
+        self, o: Vector, u: tuple[Array, Array, Array], above: bool, part: Part, rng: Generator
+    ) -> Came:
+        """`Tilted.towards`: live where the normal itself turns the direction, else a live weight."""
+        if self.delta is True:
+            return self.live.towards(o, u, above, part, rng)
+        came = self.still.towards(dr.detach(o), u, above, part, rng)
+        weight = _follow(came.weight, self.live.back(o, came.w, above, part, rng)[0], came.pdf)
+        return Came(came.w, weight, came.pdf, came.through, came.bent)
+
     def ratio(self, above: bool) -> Array:
         return self.live.ratio(above)
+
+    def stretch(self, w: Vector, o: Vector, above: bool) -> Array:
+        return self.live.stretch(w, o, above)
 
     def smooth_energy(self, cos: Array, above: bool) -> tuple[Array, Array]:
         return self.live.smooth_energy(cos, above)

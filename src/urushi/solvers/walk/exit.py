@@ -104,16 +104,22 @@ def _uint(w: Vector) -> Any:
 
 
 def _cross(stack: BoundStack, wo: Vector, rng: Generator, above: bool) -> Exit:
-    interface = stack.interfaces[0 if above else -1]
+    interface: Any = stack.interfaces[0 if above else -1]
     # A direction on the other side stands for its mirror image here, and carries nothing.
     seen = type(wo)(wo.x, wo.y, dr.abs(wo.z))
     smooth = interface.delta is True
     u = (0.0, 0.0, 0.0) if smooth else (0.0, uniform(rng, wo), uniform(rng, wo))
-    event = interface.sample(seen, u, above, part="transmit", rng=rng)
-    inside = event.o if above else mirror(event.o)
+    if interface.tilted:
+        event = interface.towards(seen, u, above, "transmit", rng)
+        found, back = event.w, 1.0
+    else:
+        event = interface.sample(seen, u, above, part="transmit", rng=rng)
+        found, back = event.o, None
+    inside = found if above else mirror(found)
     # Total reflection and facets seen from behind carry nothing.
-    alive = ((wo.z > 0) if above else (wo.z < 0)) & (event.o.z < 0)
-    weight = dr.select(alive, event.weight * flux_back(stack, wo, inside, above), 0)
+    alive = ((wo.z > 0) if above else (wo.z < 0)) & (found.z < 0)
+    back = flux_back(stack, wo, inside, above) if back is None else back
+    weight = dr.select(alive, event.weight * back, 0)
     region = 1 if above else len(stack.interfaces) - 1
     pdf = dr.select(interface.delta, DELTA, event.pdf)
     return Exit(-inside, weight, pdf, 1.0, region, {(region, above)})
@@ -166,7 +172,8 @@ def _follow(stack: BoundStack, start: Exit, rng: Generator, spectrum: Any) -> Ex
 def _advance(stack: BoundStack, s: dict[str, Any], region: int, down: bool) -> None:
     """One region, and the interface ahead, for the exit rays that travel there."""
     k = region if down else region - 1
-    interface, medium, w = stack.interfaces[k], stack.media[region], s["w"]
+    interface: Any = stack.interfaces[k]
+    medium, w = stack.media[region], s["w"]
     here = s["going"] & (s["region"] == region) & ((w.z < 0) if down else (w.z >= 0))
     if interface.delta is False:
         s["going"] = s["going"] & negate(here)
@@ -185,15 +192,23 @@ def _advance(stack: BoundStack, s: dict[str, Any], region: int, down: bool) -> N
         s["weight"] = dr.select(stop | smooth, s["weight"] * scaled, s["weight"])
     up_frame = -w if down else mirror(-w)
     u = (uniform(s["rng"], w), 0.5, 0.5)
-    event = interface.sample(up_frame, u, above=down, part="both", rng=s["rng"])
-    o = event.o if down else mirror(event.o)
+    if interface.tilted:
+        event = interface.towards(up_frame, u, down, "both", s["rng"])
+        found = event.w
+    else:
+        event = interface.sample(up_frame, u, above=down, part="both", rng=s["rng"])
+        found = event.o
+    o = found if down else mirror(found)
     s["weight"] = dr.select(smooth, s["weight"] * event.weight, s["weight"])
     s["w"] = dr.select(smooth, o, w)
     if interface.opaque:
         return
     through = smooth & event.through
-    bent = dr.abs(w.z) / at_least(dr.abs(o.z) * dr.square(interface.ratio(down)), 1e-20)
-    s["weight"] = dr.select(through, s["weight"] * bent, s["weight"])
+    if interface.tilted:
+        bent = event.bent  # and in its weight already
+    else:
+        bent = dr.abs(w.z) / at_least(dr.abs(o.z) * dr.square(interface.ratio(down)), 1e-20)
+        s["weight"] = dr.select(through, s["weight"] * bent, s["weight"])
     s["jacobian"] = dr.select(through, s["jacobian"] * bent, s["jacobian"])
     beyond = region + 1 if down else region - 1
     s["region"] = dr.select(through, type(s["region"])(beyond), s["region"])

@@ -28,6 +28,7 @@ from ...optics.vectors import (
 from ..bound import BoundStack
 from ..facet_lobe import Lobe
 from ..smooth import cosines, has_delta, smooth_energy, snell, straight
+from ..tilt import ways
 
 #: share of the samples that every side light can leave on gets as a cosine lobe, whatever the guess
 FLOOR = 0.1
@@ -92,7 +93,8 @@ def propose(stack: BoundStack, wi: Vector) -> Proposal:
     reflected, transmitted = smooth_energy(stack, wi) if has_delta(stack) else (0 * wi.x, 0 * wi.x)
     mirror_weight, straight_weight = _mean(reflected), _mean(transmitted)
     whole = mirror_weight + straight_weight + guess.near + guess.far
-    rough = _few(list(guess.rough.values()), stack.opaque)
+    axes, through = _tilted(stack, wi) if stack.tilted else ({}, guess.axis)
+    rough = _few([(*lobe, axes.get(k)) for k, lobe in guess.rough.items()], stack.opaque)
     for energy, *_ in rough:
         whole = whole + energy
     whole = dr.rcp(at_least(whole + guess.through, 1e-20))
@@ -104,12 +106,13 @@ def propose(stack: BoundStack, wi: Vector) -> Proposal:
     for up in sides:
         # On the side wi is on the reflected lobes lie, on the other the transmitted one.
         near = side_up if up else wi.z <= 0
-        for energy, alpha_x, alpha_y, frame in rough:
+        for energy, alpha_x, alpha_y, frame, own in rough:
             facets = Microfacets(alpha_x, alpha_y, "ggx", "separable")
-            lobes.append(Lobe(dr.select(near, energy * whole, 0), up, axis, facets, frame))
-        if not stack.opaque and guess.axis is not None:
+            seen = axis if own is None else own
+            lobes.append(Lobe(dr.select(near, energy * whole, 0), up, seen, facets, frame))
+        if not stack.opaque and through is not None:
             facets = Microfacets(guess.alpha_through, guess.alpha_through, "ggx", "separable")
-            lobes.append(Lobe(dr.select(near, 0, guess.through * whole), up, guess.axis, facets, Frame(0.0)))
+            lobes.append(Lobe(dr.select(near, 0, guess.through * whole), up, through, facets, Frame(0.0)))
         lobes.append(Lobe(dr.select(near, guess.near, guess.far) * whole, up))
     if not has_delta(stack):
         return Proposal(lobes, None, None, 0 * wi.x, 0 * wi.x, None)
@@ -217,12 +220,21 @@ def _merge(down: _Guess, up: _Guess, above: Any) -> _Guess:
     )
 
 
-def _few(
-    rough: list[tuple[Array, Array, Array, Frame]], opaque: bool
-) -> list[tuple[Array, Array, Array, Frame]]:
+def _tilted(stack: BoundStack, wi: Vector) -> tuple[dict[int, Vector], Vector | None]:
+    """The axes of lobes that do not lie around the mirror direction, by interface, and of what is transmitted."""
+    found = ways(stack, wi, True)
+    axes, through = found.axes, found.through
+    if not stack.opaque:
+        other, near = ways(stack, wi, False), wi.z > 0
+        axes = [dr.select(near, a, b) for a, b in zip(axes, other.axes, strict=True)]
+        through = dr.select(near, through, other.through)
+    return dict(enumerate(axes)), through
+
+
+def _few(rough: list[Any], opaque: bool) -> list[Any]:
     """At most `MOST` lobes: those that are seen last, or from either side in the middle, are merged."""
     while len(rough) > MOST:
         i = len(rough) - 2 if opaque else len(rough) // 2 - 1
-        (e1, x1, y1, _), (e2, x2, y2, _) = rough[i : i + 2]
-        rough[i : i + 2] = [(e1 + e2, at_least(x1, x2), at_least(y1, y2), Frame(0.0))]
+        (e1, x1, y1, _, axis), (e2, x2, y2, _, _) = rough[i : i + 2]
+        rough[i : i + 2] = [(e1 + e2, at_least(x1, x2), at_least(y1, y2), Frame(0.0), axis)]
     return rough

@@ -258,7 +258,7 @@ def _density(interface: Interface, event: Scatter, before: Array, w: Vector, dow
         return event.pdf
     passed = before
     if event.through is not False:
-        bent = dr.square(interface.ratio(down)) * dr.abs(event.o.z) / at_least(w.z, 1e-20)
+        bent = interface.stretch(w, event.o, down)
         passed = at_most(before * dr.select(event.through, bent, 1.0), DELTA)  # its square must stay finite
     return passed if interface.delta is True else dr.select(interface.delta, passed, event.pdf)
 
@@ -285,12 +285,17 @@ def _connect(
 
 def _arrive(stack: BoundStack, s: State, wo: Vector, k: int, here: Any) -> None:
     """Strategy two: what the outer interface k sends along wo of the light that arrives along d."""
-    interface, above = stack.interfaces[k], k == 0
+    interface: Any = stack.interfaces[k]
+    above = k == 0
     if interface.delta is True:
         return
     seen, inside = (wo, -s["d"]) if above else (mirror(wo), mirror(-s["d"]))
-    value, pdf = interface.transmit(seen, inside, above, part="transmit", rng=s["rng"])
-    value = value * flux_back(stack, wo, inside, above) * _weight(s["pdf"], pdf)
+    if interface.tilted:
+        value, pdf = interface.back(seen, inside, above, part="transmit", rng=s["rng"])
+    else:
+        value, pdf = interface.transmit(seen, inside, above, part="transmit", rng=s["rng"])
+        value = value * flux_back(stack, wo, inside, above)
+    value = value * _weight(s["pdf"], pdf)
     s["light"] = s["light"] + dr.select(here & (seen.z > 0), s["throughput"] * value, 0)
 
 
