@@ -24,6 +24,7 @@ myst_heading_anchors = 4
 exclude_patterns = ["_build", "_ext", "data"]
 suppress_warnings = ["myst.header"]
 nitpicky = True
+nitpick_ignore = [("py:class", "collections.abc.Callable")]  # Python's own pages are not linked to
 
 autodoc_typehints = "none"
 autodoc_member_order = "bysource"
@@ -43,6 +44,7 @@ html_copy_source = html_show_sourcelink = False
 
 #: pages of the repository that are pages of the site under another name
 ELSEWHERE = {
+    "../README.md#known-limitations": "limitations.md",
     "../README.md": "index.md",
     "../CONTRIBUTING.md": "contributing.md",
     "../CHANGELOG.md": "changelog.md",
@@ -57,6 +59,12 @@ def lead_home(app: Any, name: str, source: list[str]) -> None:
         source[0] = source[0].replace(f"]({up}{there}", f"]({up}{here}")
 
 
+def plain(app: Any, what: str, name: str, thing: Any, options: Any, lines: list[str]) -> None:
+    """Docstrings are written for reading in the source: a bar is the absolute value, not markup."""
+    lines[:] = [line.replace("|", r"\|") for line in lines]
+
+
 def setup(app: Any) -> None:
     """Called by Sphinx."""
+    app.connect("autodoc-process-docstring", plain)
     app.connect("source-read", lead_home)

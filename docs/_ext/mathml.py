@@ -50,7 +50,9 @@ def display(writer: Any, node: Any) -> None:
     writer.body.append(writer.starttag(node, "div", CLASS="math notranslate", **attributes))
     writer.body.append(converted(node, True))
     if label := node.get("label"):
-        writer.body.append(f'<a class="number headerlink-free" href="#equation-{nodes.make_id(label)}">({label})</a>')
+        writer.body.append(
+            f'<a class="number headerlink-free" href="#equation-{nodes.make_id(label)}">({label})</a>'
+        )
     writer.body.append("</div>\n")
     raise nodes.SkipNode
 

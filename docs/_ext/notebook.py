@@ -35,7 +35,7 @@ def outputs(output: dict[str, Any]) -> Iterator[str]:
     else:
         html = f"<pre>{escape(text['text/plain'])}</pre>"
     indented = "\n".join(line for line in html.splitlines()) if "<pre>" in html else html
-    yield "```{raw} html\n<div class=\"output\">" + indented + "</div>\n```"
+    yield '```{raw} html\n<div class="output">' + indented + "</div>\n```"
 
 
 class NotebookParser(Parser):  # type: ignore[misc]
