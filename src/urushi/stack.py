@@ -190,7 +190,7 @@ class Stack(Description):
         above = "air" if self.exterior == 1.0 else f"index {self.exterior:g}"
         rows = [(above, "")]
         rows += [
-            (f"{index}  {layer.kind.replace('_', ' ')}", _said(layer))
+            (f"{index}  {layer.kind.replace('_', ' ')}", in_words(layer))
             for index, layer in enumerate(self.layers)
         ]
         if not self.layers[-1].opaque:
@@ -201,6 +201,12 @@ class Stack(Description):
         if self.description:
             heading += [f"  {line}" for line in self.description.splitlines()]
         return "\n".join(heading + lines)
+
+    def _repr_html_(self) -> str:
+        """The cross-section as a picture, for a notebook."""
+        from urushi.cross_section import as_html
+
+        return as_html(self)
 
     def __repr__(self) -> str:
         rules = type(self).rules()
@@ -251,15 +257,15 @@ def _changed(piece: Any, changes: Mapping[str, Any]) -> Any:
     return piece.model_copy(update=values)
 
 
-def _said(piece: Description) -> str:
-    """The values of a layer in words."""
+def in_words(piece: Description) -> str:
+    """The values of a layer or a phase function in words: ``ior 1.5, alpha 0.1``."""
     words = []
     for name, value in piece.spoken().items():
         if isinstance(value, Texture):
             scale = "" if value.scale == 1.0 else f" times {value.scale:g}"
             said = f"{name} from {value.path.name}{scale}"
         elif isinstance(value, Description):
-            inner = _said(value)
+            inner = in_words(value)
             said = value.kind.replace("_", " ") + (f" ({inner})" if inner else "")
         elif isinstance(value, tuple):
             said = f"{name} {' '.join(f'{number:g}' for number in value)}"

@@ -35,10 +35,14 @@ except ImportError as error:
         f"matplotlib ({error})"
     ) from error
 
+from .albedo import albedo
 from .hemisphere import hemisphere
 from .lobe3d import lobe3d
+from .patches import patches
 from .polar import polar
+from .section import section
 from .slice import slice
+from .sphere import sphere
 from .style import save
 
-__all__ = ["hemisphere", "lobe3d", "polar", "save", "slice"]
+__all__ = ["albedo", "hemisphere", "lobe3d", "patches", "polar", "save", "section", "slice", "sphere"]
