@@ -30,7 +30,17 @@ LEVELS = [
 ]
 # The description and the small modules beside it compute nothing, and everyone may import them; they
 # themselves may look at the bottom level only (the names of the materials whose indices are known).
-COMMON = {"__init__", "cross_section", "description", "errors", "io", "llvm", "materials", "stack"}
+COMMON = {
+    "__init__",
+    "cross_section",
+    "description",
+    "errors",
+    "io",
+    "llvm",
+    "materials",
+    "notebook",
+    "stack",
+}
 # The module that Mitsuba's entry point names is one of the adapters.
 ALIAS = {"mitsuba": "adapters"}
 # Who may import what, of the libraries that are heavy or that belong in one place.

@@ -18,7 +18,7 @@ from typing import Any
 
 from urushi.stack import Stack, Texture, in_words
 
-WIDTH = 740.0
+WIDTH = 710.0
 LEFT, RIGHT, LABELS = 14.0, 300.0, 326.0
 LINE = 16.0
 """Height of a line of text; text is set at 12.5 pixels."""

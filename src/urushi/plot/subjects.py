@@ -176,6 +176,8 @@ def channel(values: np.ndarray, name: str) -> np.ndarray:
     """One number of a colour: (..., 3) -> (...)."""
     if name not in CHANNELS:
         raise UrushiError(f"channel: found {name!r}; allowed: {', '.join(CHANNELS)}")
+    if values.shape[-1] != 3:
+        raise UrushiError(f"materials: found {values.shape[-1]} channels; allowed: a colour, three channels")
     if name == "luminance":
         return values @ LUMINANCE
     return values[..., CHANNELS.index(name) - 1]

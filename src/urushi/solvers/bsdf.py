@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from urushi import notebook
 from urushi.errors import UrushiError
 from urushi.stack import Stack
 
@@ -83,6 +84,10 @@ class BSDF(ABC):
             UrushiError: this BSDF knows nothing of what is inside, or a direction that no light comes from.
         """
         raise UrushiError(f"absorption: a {type(self).__name__} knows nothing of what is inside the stack")
+
+    def _repr_png_(self) -> bytes | None:
+        """The lobe as a picture, for a notebook."""
+        return notebook.picture(self)
 
 
 def directions(value: Any, name: str) -> np.ndarray:
