@@ -126,23 +126,17 @@ def test_what_facets_lose_and_what_metal_absorbs(method: str, again: object) -> 
     assert (metal.lost <= found.lost + allowed[3:]).all() if method == "walk" else True
 
 
-@pytest.mark.parametrize("method", METHODS)
-def test_from_below_is_upside_down(method: str) -> None:
+@pytest.mark.parametrize(("method", "albedo"), [*((method, 0.4) for method in METHODS), ("adding", 0.0)])
+def test_from_below_is_upside_down(method: str, albedo: float) -> None:
     """Light from below a stack does what it does from above the stack upside down, layer by layer."""
-    media = [ur.Medium(depth=0.2, albedo=0.0), ur.Medium(depth=0.6, albedo=(0.9, 0.5, 0.0))]
+    media = [ur.Medium(depth=0.2, albedo=0.0), ur.Medium(depth=0.6, albedo=albedo)]
     stack = ur.Stack(layers=[COAT, *media, ur.Dielectric(ior=1.2)])
     turned = ur.Stack(exterior=1.2, layers=[COAT, *media[::-1], ur.Dielectric(ior=1.0)])
     below, allowed = ledger(stack, method, WI * [1, 1, -1])
     above, more = ledger(turned, method, WI)
-    assert (
-        np.abs(below.absorbed - above.absorbed[::-1]) <= (allowed + more if method != "walk" else 1)
-    ).all()
-    if method == "walk":
-        off = np.abs(below.absorbed - above.absorbed[::-1])
-        assert (off <= allowed[2:6] + more[2:6][::-1]).all()
-    assert (above.absorbed[1:3, 0, 0] > 0.03).all() and (
-        below.absorbed[1, :, 2] < below.absorbed[2, :, 2]
-    ).all()
+    off = np.abs(below.absorbed - above.absorbed[::-1])
+    assert (off <= (allowed[2:6] + more[2:6][::-1] if method == "walk" else 1e-6)).all()
+    assert (above.absorbed[1] - above.absorbed[2] > 0.05).all()
 
 
 def test_lobes_know_what_is_lost_of_diffuse_light() -> None:
