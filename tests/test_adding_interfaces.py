@@ -92,10 +92,15 @@ def test_quadrature_of_angles() -> None:
         )
         assert np.allclose(points.sin**2 + points.cos**2, 1)
     for level in (0, 4, 12):
-        circle = ring(level, 3, 40, 8)
-        peak = (1 - 0.81) / (1 + 0.81 - 1.8 * np.cos(circle.phi))  # Poisson's kernel: order m is 2 pi 0.9^m
-        found = (circle.weight * peak) @ circle.cosines
-        assert np.allclose(found, 2 * np.pi * 0.9 ** np.arange(3, 40), atol=1e-6)
+        for fine in (False, True):
+            circle = ring(level, 3, 40, 8, fine)
+            # Poisson's kernel, whose order m is 2 pi h^m; panels that need not resolve the cosines must resolve it.
+            height = 0.9 if fine or level else 0.5
+            peak = (1 - height**2) / (1 + height**2 - 2 * height * np.cos(circle.phi))
+            exact = 2 * np.pi * height ** np.arange(3, 40)
+            assert circle.weight @ peak == pytest.approx(2 * np.pi, abs=1e-6)
+            assert np.allclose(peak @ circle.project, exact, atol=1e-6 if fine else 3e-4)
+            assert len(circle.phi) < (300 if fine else 8 * (level + 5))
 
 
 @pytest.mark.parametrize("above", [True, False])

@@ -20,6 +20,8 @@ from .basis import SAME, Grid
 REACH = 0.75
 #: no panel is longer than this, whatever it integrates
 LONGEST = 0.35
+#: Gauss points per panel where polynomials are integrated with cosines
+CLOSE = 8
 
 
 @cache
@@ -44,11 +46,10 @@ def cut(breaks: Iterable[float], low: float, high: float, longest: float) -> np.
     keep = np.append(True, np.diff(found) > 1e-9 * (high - low))
     found = found[keep]
     found[-1] = high
-    parts = np.maximum(np.ceil(np.diff(found) / longest).astype(int), 1)
-    pieces = [
-        np.linspace(a, b, n, endpoint=False) for a, b, n in zip(found[:-1], found[1:], parts, strict=True)
-    ]
-    return np.append(np.concatenate(pieces), high)
+    length = np.diff(found)
+    parts = np.maximum(np.ceil(length / longest).astype(int), 1)
+    number = np.arange(parts.sum()) - np.repeat(np.cumsum(parts) - parts, parts)
+    return np.append(np.repeat(found[:-1], parts) + number * np.repeat(length / parts, parts), high)
 
 
 def towards(centre: float, scale: float, reach: float = np.pi / 2) -> list[float]:
@@ -121,26 +122,55 @@ def fan(
 
 @dataclass(frozen=True)
 class Ring:
-    """Points in the azimuth, on [0, pi], for lobes of about one width, and the cosines to project on.
+    """Points in the azimuth, on [0, pi], for lobes of about one width, and what makes cosine integrals of values there.
 
     Attributes:
         breaks: ends of the panels.
         phi, weight: (Q,) points and weights, twice the length of the panels' for the other half of the circle.
-        cosines: (Q, M) cos(m phi) of the orders asked for.
+        project: (Q, M) values times this are integrals over the circle, times cos(m phi) of the orders asked for.
         points: Gauss points per panel.
     """
 
     breaks: np.ndarray
     phi: np.ndarray
     weight: np.ndarray
-    cosines: np.ndarray
+    project: np.ndarray
     points: int
 
 
-@lru_cache(maxsize=32)
-def ring(level: int, start: int, stop: int, points: int) -> Ring:
-    """Points for lobes of width 2^-level at phi = 0, and for the orders from `start` on and below `stop`."""
-    longest = min(REACH * points / max(stop - 1, 1), np.pi / 4)
-    breaks = cut(np.pi * 2.0 ** -np.arange(1, level + 2), 0.0, np.pi, longest)
+@lru_cache(maxsize=64)
+def ring(level: int, start: int, stop: int, points: int, fine: bool = False) -> Ring:
+    """Points for lobes of width 2^-level at phi = 0, and for the orders from `start` on and below `stop`.
+
+    Args:
+        level, start, stop: see above.
+        points: Gauss points per panel.
+        fine: whether panels are to be so short that their points resolve the cosines, too. Otherwise they only resolve
+            the lobe: the polynomials through its values are integrated with the cosines exactly (Filon 1928).
+    """
+    orders = np.arange(start, stop)
+    lobe = np.pi * 2.0 ** -np.arange(1, level + 2)
+    breaks = cut(lobe, 0.0, np.pi, np.pi / 4)
+    resolving = cut(breaks, 0.0, np.pi, REACH * (points if fine else CLOSE) / max(stop - 1, 1))
+    if fine:
+        phi, weight = composite(resolving, points)
+        return Ring(resolving, phi, 2 * weight, 2 * weight[:, None] * np.cos(phi[:, None] * orders), points)
     phi, weight = composite(breaks, points)
-    return Ring(breaks, phi, 2 * weight, np.cos(phi[:, None] * np.arange(start, stop)), points)
+    close, shares = composite(resolving, CLOSE)
+    waves = 2 * shares[:, None] * np.cos(close[:, None] * orders)
+    panel = np.searchsorted(breaks, close) - 1
+    x = (close - breaks[panel]) / np.diff(breaks)[panel]
+    parts = lagrange(gauss(points)[0], x)
+    project = [parts[panel == k].T @ waves[panel == k] for k in range(len(breaks) - 1)]
+    return Ring(breaks, phi, 2 * weight, np.concatenate(project), points)
+
+
+def lagrange(nodes: np.ndarray, x: np.ndarray) -> np.ndarray:
+    """(..., n) the Lagrange polynomials of few nodes at x, in [0, 1] (barycentric)."""
+    apart = 4 * (nodes[:, None] - nodes)
+    np.fill_diagonal(apart, 1.0)
+    away = x[..., None] - nodes
+    # A point on a node is moved by less than rounding would.
+    found = 1 / (np.where(np.abs(away) < 1e-14, 1e-14, away) * apart.prod(axis=1))
+    found /= found.sum(axis=-1, keepdims=True)
+    return found

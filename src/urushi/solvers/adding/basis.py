@@ -20,7 +20,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, lru_cache
 
 import numpy as np
 from scipy.special import roots_jacobi
@@ -232,6 +232,7 @@ def _distinct(indices: Sequence[float]) -> list[float]:
     return found
 
 
+@lru_cache(maxsize=256)
 def _rule(count: int, radau: bool) -> tuple[np.ndarray, np.ndarray]:
     """Nodes x, descending in [0, 1], and weights for integrals over x^2, exact to degree 2 count - 1 in x.
 
@@ -258,14 +259,22 @@ def _lagrange(nodes: np.ndarray, at: np.ndarray) -> np.ndarray:
 
 def _barycentric(nodes: np.ndarray, at: np.ndarray) -> np.ndarray:
     """(N, K) the same through all nodes (K,) at once, which may be hundreds (Berrut & Trefethen 2004)."""
-    apart = nodes[:, None] - nodes
+    found = at[:, None] - nodes
+    row, column = np.nonzero(found == 0)
+    found[row, column] = 1
+    np.divide(_shares(nodes.tobytes()), found, out=found)
+    found[row] = 0
+    found[row, column] = 1
+    found /= found.sum(axis=1, keepdims=True)
+    return found
+
+
+@lru_cache(maxsize=64)
+def _shares(nodes: bytes) -> np.ndarray:
+    """Barycentric weights of nodes, given as their bytes; any common factor is as good."""
+    x = np.frombuffer(nodes)
+    apart = x[:, None] - x
     np.fill_diagonal(apart, 1)
     size = -np.log(np.abs(apart)).sum(axis=1)
-    sign = np.prod(np.sign(apart), axis=1)
-    weight = sign * np.exp(size - size.max())
-    away = at[:, None] - nodes
-    exact = away == 0
-    found = weight / np.where(exact, 1, away)
-    found[exact.any(axis=1)] = 0
-    found[exact] = 1
-    return found / found.sum(axis=1, keepdims=True)
+    found: np.ndarray = np.prod(np.sign(apart), axis=1) * np.exp(size - size.max())
+    return found

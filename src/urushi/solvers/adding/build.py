@@ -9,9 +9,10 @@ import numpy as np
 from urushi.stack import Stack
 
 from ..bound import BoundStack, bind
+from ..direct import direct_is_certain
 from ..numbers import gather_numbers
 from .basis import Grid
-from .interfaces import RoughLayer
+from .interfaces import MOST_ORDERS, RoughLayer
 from .layers import Layer, MediumLayer, SmoothLayer, numbers
 from .phase import PHASES, Phase
 from .resolution import panel_counts
@@ -66,16 +67,25 @@ def phase_functions(stack: Stack) -> list[Phase]:
     return found
 
 
-def layers(stack: BoundStack, phases: list[Phase], grid: Grid, tolerance: float) -> list[Layer]:
-    """All layers on the nodes, from the top: interface, medium where there is one, interface, ..."""
-    remaining = list(phases)
+def layers(
+    stack: BoundStack, phases: list[Phase], grid: Grid, tolerance: float, complete: bool = False
+) -> list[Layer]:
+    """All layers on the nodes, from the top: interface, medium where there is one, interface, ...
+
+    Unless `complete`, the outermost interface has no more orders than anything that is not evaluated in closed form.
+    """
+    remaining = list(phases)[::-1]
     found: list[Layer] = []
-    for k, interface in enumerate(stack.interfaces):
-        if interface.delta is True:
-            found.append(SmoothLayer(interface, grid, k))
-        else:
-            found.append(RoughLayer(interface, grid, k, tolerance))
-        medium = stack.media[k + 1]
+    for k in reversed(range(len(stack.interfaces))):
+        interface, medium = stack.interfaces[k], stack.media[k + 1]
         if medium is not None:
             found.append(MediumLayer(medium, remaining.pop(0), grid, k + 1, 0.01 * tolerance))
-    return found
+        if interface.delta is True:
+            found.append(SmoothLayer(interface, grid, k))
+            continue
+        # What comes back through it from a base that is no mirror has the orders of what is below alone.
+        alone = k == 0 and stack.opaque and bool(found) and stack.interfaces[-1].delta is not True
+        few = alone and not complete and direct_is_certain(stack)
+        most = max(layer.orders for layer in found) if few else MOST_ORDERS
+        found.append(RoughLayer(interface, grid, k, tolerance, most=most))
+    return found[::-1]

@@ -24,7 +24,7 @@ import numpy as np
 
 from ...interfaces import Interface
 from ...optics.random import generator
-from .angles import Fan, Ring, fan, gauss, ring
+from .angles import Fan, Ring, fan, gauss, lagrange, ring
 from .basis import Grid
 
 #: values of the interface computed at a time
@@ -32,6 +32,10 @@ LANES = 1 << 21
 SEED = 20_160_711
 #: the narrowest lobe that gets panels of its own, in radians
 NARROWEST = 1e-5
+#: Gauss points per panel more than elsewhere where polynomials are integrated with cosines, which asks more of them
+SMOOTH = 2
+#: what a panel with a kink in it may hold, of all light of its node per unit of the cosine, to pass as smooth
+DARK = 1e-4
 
 
 @dataclass(frozen=True)
@@ -102,19 +106,17 @@ def columns(side: Side, orders: range, points: int, first: int = 0) -> np.ndarra
     fans = [_fan(side, sin, cos, points) for sin, cos in zip(sin_i[first:], cos_i[first:], strict=True)]
     found: np.ndarray | None = None
     for some in _chunks([len(f.cos) * len(orders) for f in fans]):
-        lengths = [len(fans[i].cos) for i in some]
+        chosen = fans[some.start : some.stop]
+        lengths = [len(f.cos) for f in chosen]
         series = Pairs(
             np.repeat(sin_i[first:][some.start : some.stop], lengths),
             np.repeat(cos_i[first:][some.start : some.stop], lengths),
-            np.concatenate([fans[i].sin for i in some]),
-            np.concatenate([fans[i].cos for i in some]),
+            np.concatenate([f.sin for f in chosen]),
+            np.concatenate([f.cos for f in chosen]),
         ).series(side, orders, points)
         if found is None:
             found = np.zeros((len(series), len(orders), n_out, len(fans)))
-        start = 0
-        for i in some:
-            _share(side, fans[i], series[:, start : start + len(fans[i].cos)], orders, found[..., i])
-            start += len(fans[i].cos)
+        _share(side, chosen, series, orders, found[..., some.start : some.stop])
     assert found is not None
     if first == 0:  # light along the normal has no azimuth
         turning = np.asarray(orders) > 0
@@ -123,15 +125,25 @@ def columns(side: Side, orders: range, points: int, first: int = 0) -> np.ndarra
     return np.ascontiguousarray(found[:, :, first:])
 
 
-def _share(side: Side, points: Fan, series: np.ndarray, orders: range, found: np.ndarray) -> None:
-    """Collect k_m at the points of a fan (C, F, M) on the nodes (C, M, n_out) by their basis functions."""
-    for p, panel in enumerate(side.grid.panels[: len(points.starts) - 1]):
-        part = slice(points.starts[p], points.starts[p + 1])
-        flux = series[:, part].transpose(0, 2, 1) * points.weight[part]
+def _share(side: Side, fans: list[Fan], series: np.ndarray, orders: range, found: np.ndarray) -> None:
+    """Collect k_m at the points of fans (C, P, M) on the nodes (C, M, n_out, fans) by their basis functions."""
+    ends = np.cumsum([0, *(len(f.cos) for f in fans)])
+    flux = series.transpose(0, 2, 1) * np.concatenate([f.weight for f in fans])
+    for p in range(len(fans[0].starts) - 1):
+        panel = side.grid.panels[p]
+        parts = [slice(f.starts[p], f.starts[p + 1]) for f in fans]
+        at = np.concatenate([f.coordinate[part] for f, part in zip(fans, parts, strict=True)])
         for odd in (False, True):
             these = slice((orders.start + odd) % 2, None, 2)
-            functions = side.grid.functions(panel, points.coordinate[part], odd)
-            found[:, these, panel.nodes] = flux[:, these] @ functions
+            if len(orders[these]) == 0:
+                continue
+            functions = side.grid.functions(panel, at, odd)
+            start = 0
+            for k, part in enumerate(parts):
+                stop = start + part.stop - part.start
+                own = flux[:, these, ends[k] + part.start : ends[k] + part.stop]
+                found[:, these, panel.nodes, k] = own @ functions[start:stop]
+                start = stop
 
 
 def _chunks(sizes: list[int], limit: int = 4_000_000) -> Iterator[range]:
@@ -179,24 +191,33 @@ class Pairs:
     sin_o: np.ndarray
     cos_o: np.ndarray
 
-    def __getitem__(self, which: Any) -> Pairs:
-        return Pairs(self.sin_i[which], self.cos_i[which], self.sin_o[which], self.cos_o[which])
-
     def series(self, side: Side, orders: range, points: int) -> np.ndarray:
         """(C, P, M) integrals of k cos(m phi) over the circle."""
         level = self._levels(side)
+        kink = self._kinks(side)
         found: np.ndarray | None = None
-        for one in np.unique(level):
-            circle = ring(int(one), orders.start, orders.stop, points)
-            of_level = np.flatnonzero(level == one)
-            step = max(LANES // len(circle.phi), 1)
-            for start in range(0, len(of_level), step):
-                which = of_level[start : start + step]
-                sources = self[which]._sources(side, circle)
-                if found is None:
-                    found = np.empty((len(sources), len(level), len(orders)))
-                found[:, which] = sources @ circle.cosines
+        bent: list[tuple[int, np.ndarray]] = []
+        circles = {int(one): ring(int(one), orders.start, orders.stop, points + SMOOTH) for one in set(level)}
+        for some in _batches([(circles[one], np.flatnonzero(level == one)) for one in sorted(circles)]):
+            every = self.values(
+                side,
+                np.concatenate([np.repeat(which, len(circle.phi)) for circle, which in some]),
+                np.concatenate([np.tile(circle.phi, len(which)) for circle, which in some]),
+            )
+            if found is None:
+                found = np.empty((len(every), len(level), len(orders)))
+            start = 0
+            for circle, which in some:
+                stop = start + len(which) * len(circle.phi)
+                values = every[:, start:stop].reshape(len(every), len(which), -1)
+                found[:, which] = values @ circle.project
+                bent.append((int(level[which[0]]), which[_bent(circle, kink[which], values)]))
+                start = stop
         assert found is not None
+        fine = [(ring(one, orders.start, orders.stop, points, True), some) for one, some in bent if len(some)]
+        for batch in _batches(fine):
+            for circle, which in batch:
+                found[:, which] = self._sources(side, circle, which, kink[which]) @ circle.project
         return found
 
     def _levels(self, side: Side) -> np.ndarray:
@@ -212,15 +233,8 @@ class Pairs:
         width = np.sqrt(((side.alpha * z) ** 2 + 0.01 * (sin_o - self.sin_i) ** 2) / across)
         return np.clip(np.ceil(-np.log2(np.clip(width, 1e-9, 1.0))), 0, 20).astype(int)
 
-    def _sources(self, side: Side, circle: Ring) -> np.ndarray:
-        """(C, P, Q) weights times values at the points of the ring; panels with a kink are integrated in two parts."""
-        found = self.values(side, np.broadcast_to(circle.phi, (len(self.sin_i), len(circle.phi))))
-        found *= circle.weight
-        kink = self._kinks(side)
-        bent = np.flatnonzero((kink > 0) & (kink < np.pi))
-        if len(bent) == 0:
-            return found
-        kink = kink[bent]
+    def _sources(self, side: Side, circle: Ring, which: np.ndarray, kink: np.ndarray) -> np.ndarray:
+        """(C, P, Q) values at the points of a fine ring; in panels with a kink, those that give the integrals."""
         panel = np.searchsorted(circle.breaks, kink) - 1
         low, high = circle.breaks[panel], circle.breaks[panel + 1]
         # phi = kink -+ length y^2 makes a square root at the kink smooth.
@@ -228,12 +242,16 @@ class Pairs:
         before, after = (kink - low)[:, None], (high - kink)[:, None]
         phi = np.concatenate([kink[:, None] - before * y**2, kink[:, None] + after * y**2], axis=1)
         weight = 2 * np.concatenate([before * (2 * y * w), after * (2 * y * w)], axis=1)
-        values = self[bent].values(side, phi) * weight
+        every = np.concatenate([np.tile(circle.phi, (len(which), 1)), phi], axis=1)
+        values = self.values(side, np.repeat(which, every.shape[1]), every.ravel())
+        values = values.reshape(-1, *every.shape)
+        found = values[..., : len(circle.phi)]
         # The points' light goes to the panel's own points, whose polynomials resolve all that it is projected on.
         x = (phi - low[:, None]) / (high - low)[:, None]
-        shares = _lagrange(gauss(circle.points)[0], x)
+        shares = lagrange(gauss(circle.points)[0], x)
         places = panel[:, None] * circle.points + np.arange(circle.points)
-        found[:, bent[:, None], places] = np.einsum("cpq,pqj->cpj", values, shares, optimize=True)
+        light = np.einsum("cpq,pqj->cpj", values[..., len(circle.phi) :] * weight, shares, optimize=True)
+        found[:, np.arange(len(kink))[:, None], places] = light / circle.weight[places]
         return found
 
     def _kinks(self, side: Side) -> np.ndarray:
@@ -249,17 +267,16 @@ class Pairs:
             cos = (min(eta, 1 / eta) - along) / across
         return np.where(np.abs(cos) < 1, np.arccos(np.clip(cos, -1, 1)), 0.0)
 
-    def values(self, side: Side, phi: np.ndarray) -> np.ndarray:
-        """(C, P, Q) flux densities at azimuths (P, Q)."""
+    def values(self, side: Side, pair: np.ndarray, phi: np.ndarray) -> np.ndarray:
+        """(C, L) flux densities of pairs (L,) at azimuths (L,)."""
         from drjit.llvm.ad import Array3f64, Float64, UInt32
 
-        shape = phi.shape
-        pair = dr.repeat(dr.arange(UInt32, shape[0]), shape[1])
+        which = UInt32(pair.astype(np.uint32))
         given = (self.sin_i, self.cos_i, self.sin_o, self.cos_o)
         sin_i, cos_i, sin_o, cos_o = (
-            dr.gather(Float64, Float64(np.ascontiguousarray(v)), pair) for v in given
+            dr.gather(Float64, Float64(np.ascontiguousarray(v)), which) for v in given
         )
-        sin, cos = dr.sincos(Float64(np.ascontiguousarray(phi).ravel()))
+        sin, cos = dr.sincos(Float64(np.ascontiguousarray(phi)))
         w = Array3f64(-sin_i, 0.0, cos_i)
         o = Array3f64(sin_o * cos, sin_o * sin, cos_o if side.reflects else -cos_o)
         through = not side.reflects
@@ -273,18 +290,32 @@ class Pairs:
                 rng = generator(w, [sin_i, sin_o, cos_o, sin], UInt32(SEED), dr.opaque(UInt32, draw))
                 value, _ = ask(w, o, side.above, rng=rng)
                 found = found + np.array(value - certain) / side.draws
-        size = shape[0] * shape[1]
-        if found.size % size:  # one number for all
-            found = np.repeat(np.atleast_2d(found).reshape(-1, 1), size, axis=1)
-        return found.reshape(-1, *shape)
+        if found.size % len(phi):  # one number for all
+            found = np.repeat(np.atleast_2d(found).reshape(-1, 1), len(phi), axis=1)
+        return found.reshape(-1, len(phi))
 
 
-def _lagrange(nodes: np.ndarray, x: np.ndarray) -> np.ndarray:
-    """(..., n) the Lagrange polynomials of few nodes at x, in [0, 1] (barycentric)."""
-    apart = 4 * (nodes[:, None] - nodes)
-    np.fill_diagonal(apart, 1.0)
-    away = x[..., None] - nodes
-    # A point on a node is moved by less than rounding would.
-    found = 1 / (np.where(np.abs(away) < 1e-14, 1e-14, away) * apart.prod(axis=1))
-    found /= found.sum(axis=-1, keepdims=True)
-    return found
+def _bent(circle: Ring, kink: np.ndarray, values: np.ndarray) -> np.ndarray:
+    """Which pairs have a kink (P,) in a panel of the ring whose values (C, P, Q) hold any light to speak of."""
+    bent = np.flatnonzero((kink > 0) & (kink < np.pi))
+    panel = np.searchsorted(circle.breaks, kink[bent]) - 1
+    places = panel[:, None] * circle.points + np.arange(circle.points)
+    light = (np.abs(values[:, bent[:, None], places]) * circle.weight[places]).sum(axis=2).max(axis=0)
+    return bent[light > DARK]
+
+
+def _batches(jobs: list[tuple[Ring, np.ndarray]]) -> Iterator[list[tuple[Ring, np.ndarray]]]:
+    """Pairs (P,) of directions, each with the ring it is looked at on, so many at a time as fit in memory."""
+    batch: list[tuple[Ring, np.ndarray]] = []
+    lanes = 0
+    for circle, which in jobs:
+        step = max(LANES // len(circle.phi), 1)
+        for start in range(0, len(which), step):
+            part = which[start : start + step]
+            if lanes + len(part) * len(circle.phi) > LANES and batch:
+                yield batch
+                batch, lanes = [], 0
+            batch.append((circle, part))
+            lanes += len(part) * len(circle.phi)
+    if batch:
+        yield batch

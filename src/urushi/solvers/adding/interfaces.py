@@ -24,7 +24,7 @@ from .operator import Operator
 #: nothing has more orders than this
 MOST_ORDERS = 1 << 14
 #: orders computed at once, at least, where they fit in so many bytes
-AHEAD, AHEAD_MEMORY = 28, 1 << 28
+AHEAD, AHEAD_MEMORY = 64, 1 << 28
 
 
 class RoughLayer:
@@ -37,6 +37,7 @@ class RoughLayer:
         tolerance: azimuthal orders end where they hold less than this, relative to the largest.
         points: Gauss points per panel of all integrals: 8 are good to 5e-5, 10 to 5e-6, 12 to 1e-6; None for as many
             as the tolerance asks for.
+        most: orders that anyone will ask for.
 
     Attributes:
         orders: azimuthal orders from this one on are negligible (see `first`).
@@ -51,10 +52,10 @@ class RoughLayer:
         region: int,
         tolerance: float = 1e-4,
         points: int | None = None,
+        most: int = MOST_ORDERS,
     ) -> None:
         self.grid = grid
         self.points = points or (8 if tolerance >= 5e-5 else 10 if tolerance >= 5e-6 else 12)
-        self._ahead: tuple[range, int, Slab] | None = None
         below = region if interface.opaque else region + 1
         self.above, self.below = grid.count(region), 0 if interface.opaque else grid.count(below)
         self.sides = {
@@ -70,21 +71,25 @@ class RoughLayer:
         )
         # (1 + x) exp(-x), the height of order x / width of a lobe of GGX, is below the tolerance from here on.
         self._reach = np.log(1 / tolerance) + np.log(1 + 1.3 * np.log(1 / tolerance))
-        self.orders = int(min(np.ceil(self._reach / self._widths.min()), MOST_ORDERS))
+        self.orders = int(min(np.ceil(self._reach / self._widths.min()), most))
         self._wide: Slab | None = None
         if interface.stochastic:
-            self.orders = max(self.orders, wide.ORDERS)
+            self.orders = min(max(self.orders, wide.ORDERS), most)
             self._wide = _four({name: wide.wide(side) for name, side in self.sides.items()})
         elif interface.flat:
             self.orders = 1  # Lambert's base knows no azimuth
-        zero = self._raw(range(1), 0)
+        block = range(0, min(self._at_once(0, 0), self.orders))
+        raw = self._raw(block, 0)
+        zero = Slab(*(matrix[:, :1] for matrix in raw))
         sums = np.concatenate(
             [zero.r_top.sum(2) + zero.t_down.sum(2), zero.r_bottom.sum(2) + zero.t_up.sum(2)], axis=2
         )[:, 0]
         if lossless(interface):
             sums = np.ones_like(sums)
+        slab = self._exact(raw, 0)
         # Kept, since only to the last digit of these matrices does the balance hold.
-        self._zero = self._exact(zero, 0)
+        self._zero = Slab(*(matrix[:, :1] for matrix in slab))
+        self._ahead = block, 0, slab
         whole = np.block([[self._zero.r_top, self._zero.t_up], [self._zero.t_down, self._zero.r_bottom]])[
             :, 0
         ]
@@ -98,6 +103,11 @@ class RoughLayer:
             return 0
         lit = np.flatnonzero(self._widths * orders.start < self._reach)
         return int(lit[0]) if len(lit) else self.above
+
+    def _at_once(self, start: int, first: int) -> int:
+        """How many orders to compute together, beginning with this one and on the nodes from `first` on."""
+        size = 8 * 4 * 3 * (len(self.grid.s) - first) ** 2
+        return max(min(max(AHEAD, start), AHEAD_MEMORY // size), 1)
 
     def _raw(self, orders: range, first: int) -> Slab:
         """The four matrices as columns give them."""
@@ -119,13 +129,9 @@ class RoughLayer:
 
     def _computed(self, orders: range, first: int) -> Slab:
         """The reciprocal matrices of some orders. Many are computed at once, since that costs little more than few."""
-        if self._ahead is None or not (
-            self._ahead[0].start <= orders.start
-            and orders.stop <= self._ahead[0].stop
-            and self._ahead[1] <= first
-        ):
-            size = 8 * 4 * len(self._zero.r_top) * (len(self.grid.s) - first) ** 2
-            more = min(max(AHEAD, orders.start), AHEAD_MEMORY // size)
+        ahead, start, _ = self._ahead
+        if not (ahead.start <= orders.start and orders.stop <= ahead.stop and start <= first):
+            more = self._at_once(orders.start, first)
             block = range(orders.start, min(max(orders.stop, orders.start + more), self.orders))
             slab = self._exact(self._raw(block, first), first)
             if block.start == 0:

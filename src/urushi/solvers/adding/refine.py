@@ -8,14 +8,15 @@ coarser one; how fast such differences shrink tells what is left in the finer on
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
 from ...errors import UrushiError
-from .solution import Block, Part, Solution
+from .basis import Stencil
+from .solution import Part, Solution
 
 #: cosines of incidence that are compared; `OFFSETS` from the mirror direction in polar angle, `AZIMUTHS` in azimuth
 COSINES = np.array([1.0, 0.96, 0.83, 0.68, 0.52, 0.37, 0.23, 0.11])
@@ -33,6 +34,7 @@ def refine(
     accuracy: float,
     more: bool = True,
     progress: Callable[[int, float], Any] | None = None,
+    heights: Mapping[tuple[bool, bool], np.ndarray] | None = None,
 ) -> Solution:
     """Solve with more and more nodes until nothing changes any more.
 
@@ -43,6 +45,7 @@ def refine(
             the same angle of incidence.
         more: False to stay with these numbers, whatever their error.
         progress: called with (nodes, error) after each solution.
+        heights: see `difference`.
 
     Returns:
         the last solution, its diagnostics completed by "estimated_error", "accuracy", "seconds" and "history".
@@ -58,7 +61,7 @@ def refine(
     before: float | None = None
     while True:
         fine = solve(counts)
-        change = difference(coarse, fine)
+        change = difference(coarse, fine, heights)
         error = change * _left(change, before)
         history.append((len(fine.grid.s), error))
         if progress is not None:
@@ -87,15 +90,24 @@ def _left(change: float, before: float | None) -> float:
     return max(rate / (1 - rate), 0.2)
 
 
-def difference(one: Solution, other: Solution) -> float:
-    """The largest difference of two solutions of the same stack (see `refine`)."""
+def difference(
+    one: Solution, other: Solution, heights: Mapping[tuple[bool, bool], np.ndarray] | None = None
+) -> float:
+    """The largest difference of two solutions of the same stack (see `refine`).
+
+    Args:
+        one, other: the solutions.
+        heights: by (from above, to above), f of what has a closed form, the largest that is known at each of `COSINES`:
+            (I,). The solutions hold no more of it than they need.
+    """
     worst = 0.0
     for side in other.parts:
         a, b = one.parts[side], other.parts[side]
         worst = max(worst, float(np.abs(albedo(one, a, COSINES) - albedo(other, b, COSINES)).max()))
-        mu_i, mu_o, phi = _pairs(other, side)
         peak = peaks(other, b)
-        change = np.abs(values(one, a, mu_i, mu_o, phi) - values(other, b, mu_i, mu_o, phi)).max(axis=(0, 2))
+        if heights is not None:
+            peak = np.maximum(peak, heights[side])
+        change = np.abs(values(one, a) - values(other, b)).max(axis=(0, 2, 3))
         worst = max(worst, float((change / np.maximum(peak, 1e-12)).max()))
     return worst
 
@@ -113,36 +125,43 @@ def albedo(solution: Solution, part: Part, mu: np.ndarray) -> np.ndarray:
     return np.einsum("cnk,nk->cn", total[:, stencil.node], stencil.even)
 
 
-def values(solution: Solution, part: Part, mu_i: np.ndarray, mu_o: np.ndarray, phi: np.ndarray) -> np.ndarray:
-    """(C, I, P) BSDF f (without cosine and squared index) of the blocks, closed forms left out.
+def values(solution: Solution, part: Part) -> np.ndarray:
+    """(C, I, O, A) BSDF f (without cosine and squared index) of the blocks, closed forms left out.
 
-    Args:
-        mu_i: (I,) cosines of incidence.
-        mu_o, phi: (I, P) cosines of exit and azimuths for each.
+    At I cosines of incidence, `COSINES`, each with O cosines of exit (`exits`), and at A `AZIMUTHS`.
     """
     grid = solution.grid
     region_i, region_o = (
         _positive(solution, 0 if above else -1) for above in (part.from_above, part.to_above)
     )
-    into, out = grid.stencil(region_i, mu_i), grid.stencil(region_o, mu_o.ravel())
-    shape = mu_o.shape
-    node = out.node.reshape(*shape, -1)
-    even, odd = (w.reshape(*shape, -1) for w in (out.even, out.odd))
+    mu_o = exits(grid.indices, (part.from_above, part.to_above))
+    into, out = (
+        _dense(grid.stencil(r, mu), grid.count(r))
+        for r, mu in ((region_i, COSINES), (region_o, mu_o.ravel()))
+    )
     own_i, own_o = grid.mu[region_i], grid.mu[region_o]
     scale = (own_o[:, None] + own_i) / (own_o * grid.weights[region_o])[:, None] / (2 * np.pi)
-    found = np.zeros((solution.colours, *shape))
+    found = np.zeros((solution.colours, *mu_o.shape, len(AZIMUTHS)))
     for block in part.blocks:
         orders = np.array(block.orders)
-        cosines = np.cos(orders * phi[..., None]) * np.where(orders > 0, 2, 1)
-        for j in range(len(mu_i)):
-            rows, columns = _inside(node[j], block), _inside(into.node[j], block)
-            q = block.values * scale[block.first :, block.first :]
-            for k, parity in enumerate(orders % 2):
-                wo, wi = (odd[j], into.odd[j]) if parity else (even[j], into.even[j])
-                column = q[:, k][:, :, columns[0]] @ np.where(columns[1], wi, 0)
-                at = np.einsum("cpk,pk->cp", column[:, rows[0]], np.where(rows[1], wo, 0))
-                found[:, j] += at * cosines[j, :, k]
-    return found / (mu_o + mu_i[:, None])
+        waves = np.cos(orders[:, None] * AZIMUTHS) * np.where(orders > 0, 2, 1)[:, None]
+        q = block.values * scale[block.first :, block.first :]
+        for odd in (0, 1):
+            these = slice((block.orders.start + odd) % 2, None, 2)
+            column = q[:, these] @ into[odd][:, block.first :].T  # (C, M, n_out, I)
+            rows = out[odd][:, block.first :].reshape(*mu_o.shape, -1)
+            at = rows @ column.transpose(3, 2, 0, 1).reshape(len(COSINES), rows.shape[-1], -1)
+            series = at.reshape(*mu_o.shape, solution.colours, -1) @ waves[these]
+            found += series.transpose(2, 0, 1, 3)
+    return found / (mu_o + COSINES[:, None])[..., None]
+
+
+def exits(indices: Sequence[float], side: tuple[bool, bool]) -> np.ndarray:
+    """(I, O) for each of `COSINES` the cosines of exit to look at, by the indices of all regions and by the side."""
+    n_i, n_o = (indices[0 if above else -1] for above in side)
+    mirror = np.arcsin(np.minimum(np.sqrt(1 - COSINES**2) * n_i / n_o, 1))
+    theta = np.abs(mirror[:, None] + OFFSETS)
+    return np.cos(np.where(theta > np.radians(86), np.radians(86) - OFFSETS**2, theta))
 
 
 def peaks(solution: Solution, part: Part) -> np.ndarray:
@@ -164,22 +183,14 @@ def peaks(solution: Solution, part: Part) -> np.ndarray:
     return np.asarray(highest[nearest])
 
 
-def _pairs(solution: Solution, side: tuple[bool, bool]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Cosines of incidence, and for each the cosines of exit and azimuths to look at."""
-    n_i, n_o = (solution.grid.indices[0 if above else -1] for above in side)
-    sin_o = np.sqrt(1 - COSINES**2) * n_i / n_o
-    mirror = np.arcsin(np.minimum(sin_o, 1))
-    theta = np.abs(mirror[:, None] + OFFSETS)
-    theta = np.where(theta > np.radians(86), np.radians(86) - OFFSETS**2, theta)
-    mu_o, phi = np.broadcast_arrays(np.cos(theta)[..., None], AZIMUTHS)
-    flat = len(OFFSETS) * len(AZIMUTHS)
-    return COSINES, mu_o.reshape(-1, flat), phi.reshape(-1, flat)
-
-
 def _positive(solution: Solution, region: int) -> int:
     return region % len(solution.grid.indices)
 
 
-def _inside(node: np.ndarray, block: Block) -> tuple[np.ndarray, np.ndarray]:
-    """Nodes counted from the block's first, and which of them the block has."""
-    return np.maximum(node - block.first, 0), node >= block.first
+def _dense(stencil: Stencil, count: int) -> tuple[np.ndarray, np.ndarray]:
+    """(N, count) weights of all nodes, for even and for odd orders."""
+    found = np.zeros((2, len(stencil.node), count))
+    row = np.arange(len(stencil.node))[:, None]
+    for weights, of_parity in zip(found, (stencil.even, stencil.odd), strict=True):
+        np.add.at(weights, (row, stencil.node), of_parity)
+    return found[0], found[1]

@@ -6,16 +6,22 @@ from collections.abc import Callable, Sequence
 from dataclasses import replace
 from typing import Any
 
+import drjit as dr
+import numpy as np
+
 from urushi import llvm
 from urushi.errors import UrushiError
 from urushi.stack import Stack
 
+from ..bound import BoundStack
+from ..direct import direct, direct_is_certain
 from . import build
 from .basis import Grid
 from .layers import MediumLayer
-from .refine import refine
+from .refine import AZIMUTHS, COSINES, exits, refine
 from .solution import Solution
 from .solver import solve_on
+from .table import SIDES
 from .threads import one_thread
 
 #: fewest nodes to try a grid with
@@ -48,6 +54,7 @@ def solution(
             accuracy,
             nodes is None,
             progress,
+            _heights(problem.bound, problem.indices),
         )
 
 
@@ -70,7 +77,7 @@ class _Problem:
     def solve(self, counts: list[int]) -> Solution:
         bound = self.bound
         grid = replace(Grid.build([*self.indices, *self.extra], counts), indices=tuple(self.indices))
-        layers = build.layers(bound, self.phases, grid, self.tolerance)
+        layers = build.layers(bound, self.phases, grid, self.tolerance, bool(self.extra))
         found = solve_on(bound, grid, layers, self.colours, self.tolerance, bool(self.extra))
         media = [layer for layer in layers if isinstance(layer, MediumLayer)]
         regions = [r for r, medium in enumerate(bound.media) if medium is not None]
@@ -91,3 +98,25 @@ class _Problem:
                 "different indices, each at least 4"
             )
         return counts
+
+
+def _heights(stack: BoundStack, indices: Sequence[float]) -> dict[tuple[bool, bool], np.ndarray] | None:
+    """The largest f of the outermost interfaces where `refine` looks (see `difference`); None if they are smooth."""
+    if stack.interfaces[0].delta is True and stack.interfaces[-1].delta is True:
+        return None
+    if not direct_is_certain(stack):
+        return None
+    from drjit.llvm.ad import Array3f64, Float64
+
+    found = {}
+    for side in ((True, True),) if stack.opaque else SIDES:
+        mu_o = exits(indices, side)
+        up_i, up_o = (1.0 if above else -1.0 for above in side)
+        i, o, phi = np.broadcast_arrays(COSINES[:, None, None], mu_o[..., None], AZIMUTHS)
+        i, o, phi = (Float64(x.ravel()) for x in (i, o, phi))
+        wi = Array3f64(-dr.sqrt(1 - i * i), 0, up_i * i)
+        sin = dr.sqrt(1 - o * o)
+        wo = Array3f64(sin * dr.cos(phi), sin * dr.sin(phi), up_o * o)
+        value = np.array(direct(stack, wi, wo)).reshape(-1, len(COSINES), mu_o.shape[1], len(AZIMUTHS))
+        found[side] = (value / mu_o[..., None]).max(axis=(0, 2, 3))
+    return found
