@@ -9,7 +9,6 @@ import subprocess
 import sys
 import time
 from pathlib import Path
-from types import SimpleNamespace
 from typing import get_args, get_type_hints
 
 import numpy as np
@@ -18,6 +17,7 @@ import pytest
 import urushi
 from urushi import cli
 from urushi.adapters import scene as builtin
+from urushi.checks import Report
 from urushi.cli import common, render
 
 SRC = Path(urushi.__file__).parent.parent
@@ -172,18 +172,16 @@ def test_schema_goes_to_the_terminal_or_to_a_file(run, tmp_path):
 
 def test_check_describes_and_reports(run, monkeypatch):
     def checks(passed):
-        report = SimpleNamespace(name="energy", passed=passed, number=0.99, limit=1.0, text="at [0, 0, 1]")
-        return SimpleNamespace(run=lambda stack, method, quick: [report])
-
-    import urushi as package
+        report = Report("energy", passed, 0.99, 1.0, "at [0, 0, 1]", "bsdf.reflectance([[0, 0, 1]])")
+        return lambda answers, quick, progress: [report]
 
     for passed, status in ((True, 0), (False, 1)):
-        monkeypatch.setitem(sys.modules, "urushi.checks", checks(passed))
-        monkeypatch.setattr(package, "checks", checks(passed), raising=False)
+        monkeypatch.setattr("urushi.checks.run_on", checks(passed))
         got, out, err = run("check", "varnish.yaml")
         assert got == status
         assert "varnish" in out and "energy" in out and "0.99" in out and "[0, 0, 1]" in out
         assert ("failed: energy" in err) is not passed
+        assert ("    bsdf.reflectance([[0, 0, 1]])" in out) is not passed
 
 
 # ------------------------------------------------------------------------------------------- render

@@ -67,6 +67,29 @@ class SceneFile:
                 return
         raise KeyError(name)
 
+    @property
+    def is_scene(self) -> bool:
+        """Whether the file is a scene, and not one BSDF alone."""
+        import mitsuba as mi
+
+        return bool(self._state.nodes[0].type == mi.ObjectType.Scene)
+
+    def alone(self, name: str) -> Any:
+        """The BSDF of that id, without the rest of the scene; the file is spent then.
+
+        Raises:
+            KeyError: no BSDF has that id.
+            UrushiError: Mitsuba cannot build it.
+        """
+        import mitsuba as mi
+
+        for node in self._bsdfs():
+            if node.props.id() == name:
+                root = self._state.nodes[0]
+                root.type, root.props = mi.ObjectType.BSDF, node.props
+                return self.instantiate()
+        raise KeyError(name)
+
     def resize(self, width: int, height: int) -> None:
         """Give every film of the scene this size in pixels; a crop window, which would not fit, is dropped."""
         import mitsuba as mi

@@ -55,9 +55,9 @@ def lossless(stack: Stack) -> str:
     """ "smooth" or "rough" where the description lets nothing absorb, else ""."""
     rough = False
     for layer in stack.layers:
-        if layer.kind in ("conductor", "bsdf") or (
-            layer.kind == "diffuse" and not _all(layer.reflectance, 1)
-        ):  # type: ignore[attr-defined]
+        if layer.kind in ("conductor", "bsdf"):
+            return ""
+        if layer.kind == "diffuse" and not _all(layer.reflectance, 1):  # type: ignore[attr-defined]
             return ""
         if layer.kind == "medium" and not _all(layer.albedo, 1) and not _all(layer.optical_depth, 0):  # type: ignore[attr-defined]
             return ""

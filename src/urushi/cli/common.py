@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from rich.console import Console
 
-from urushi.errors import UrushiError
+from urushi.errors import MaterialError, UrushiError
 
 if TYPE_CHECKING:
     from urushi.stack import Stack
@@ -54,6 +55,39 @@ def load(material: str) -> Stack:
         hint = f"; the preset of that name is preset:{material}" if material in urushi.presets() else ""
         raise WrongUsage(f"there is no material file {material!r}{hint}")
     return urushi.load(material)
+
+
+def named(make: Callable[..., Any], *arguments: Any) -> Any:
+    """What the command line names by words that `make` understands.
+
+    Raises:
+        WrongUsage: it does not. A file that is damaged stays a `MaterialError`.
+    """
+    try:
+        return make(*arguments)
+    except MaterialError:
+        raise
+    except UrushiError as error:
+        raise WrongUsage(str(error)) from None
+
+
+def values(given: Sequence[str] | None) -> dict[str, Any]:
+    """What `--set NAME=VALUE` says: numbers, or colours as 0.4,0.2,0.1.
+
+    Raises:
+        WrongUsage: another form.
+    """
+    found: dict[str, Any] = {}
+    for text in given or ():
+        name, _, value = text.partition("=")
+        try:
+            numbers = tuple(float(part) for part in value.split(","))
+        except ValueError:
+            raise WrongUsage(
+                f"--set is {text!r}; allowed: NAME=NUMBER or NAME=RED,GREEN,BLUE, such as layer_0.alpha=0.1"
+            ) from None
+        found[name.strip()] = numbers if len(numbers) > 1 else numbers[0]
+    return found
 
 
 def writable(path: Path, suffixes: tuple[str, ...]) -> Path:

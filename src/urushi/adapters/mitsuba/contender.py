@@ -82,7 +82,7 @@ class MitsubaBSDF(BSDF):
         UrushiError: the variant is none of those, or an option is out of range.
     """
 
-    stack: Any
+    stack: Any  # a `Foreign`
 
     def __init__(
         self,
@@ -96,25 +96,25 @@ class MitsubaBSDF(BSDF):
     ) -> None:
         self.mi = mitsuba()
         if not isinstance(bsdf, self.mi.BSDF):
-            found = type(bsdf).__name__
-            raise UrushiError(f"bsdf: found a {found}; allowed: a BSDF of variant {self.mi.variant()}")
+            kind = type(bsdf).__name__
+            raise UrushiError(f"bsdf: found a {kind}; allowed: a BSDF of variant {self.mi.variant()}")
         if samples < 2:
             raise UrushiError(f"samples: found {samples}; allowed: at least 2")
         if eta is not None and not 0 < eta < np.inf:
             raise UrushiError(f"eta: found {eta}; allowed: a positive number")
-        self.bsdf, self.samples, self.seed, self.uv = bsdf, samples, seed, uv
+        self.bsdf, self.samples, self.seed, self.uv, self.mode = bsdf, samples, seed, uv, "radiance"
         flags = self.mi.BSDFFlags
         parts = [int(bsdf.flags(i)) for i in range(bsdf.component_count())] or [int(bsdf.flags())]
         through = any(part & int(flags.Transmission | flags.Null) for part in parts)
         behind = through or any(part & int(flags.BackSide) for part in parts)
         self.stack = Foreign(name or _class(bsdf), (Whole(False, 1.0),))
         opaque = not (behind and self._lit_below())
-        found = self._index() if eta is None and through else eta or 1.0
+        found = self._index() if eta is None and through else float(eta or 1.0)
         self.stack = Foreign(self.stack.name, (Whole(opaque, found),))
         self.diagnostics = {
             "method": "mitsuba",
             "plugin": _class(bsdf),
-            "variant": self.mi.variant(),
+            "variant": str(self.mi.variant()),
             "delta_parts": any(part & int(flags.Delta) for part in parts),
             "index_below": found,
             "estimated_error": "unknown: it is what is looked at",
