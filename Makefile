@@ -16,7 +16,7 @@ help:
 	@echo "make test       lint, types and the tests that are not slow"
 	@echo "make test-all   the slow tests as well"
 	@echo "make bench      write the benchmark table"
-	@echo "make docs       check the tables and the links in the documentation"
+	@echo "make docs       check the documentation and build its site, docs/_build/html/index.html"
 	@echo "make setup      only set up .venv;  make clean: remove it and everything else that was made"
 
 setup: $(STAMP)
@@ -48,10 +48,17 @@ bench: setup
 	$(BIN)/python tools/make_docs.py
 	$(BIN)/python tools/make_docs.py
 
-docs: setup
+docs: $(STAMP)-docs
 	$(BIN)/python tools/make_docs.py --check
 	$(BIN)/python tools/check_links.py
+	$(BIN)/python -m sphinx -W -E --keep-going -q -b html docs docs/_build/html
+	@echo "docs/_build/html/index.html"
+
+# Only who builds the site needs what builds it.
+$(STAMP)-docs: $(STAMP)
+	$(BIN)/python -m pip install --quiet --constraint constraints.txt --no-build-isolation -e '.[docs]'
+	@touch $@
 
 clean:
-	rm -rf $(VENV) out build dist .pytest_cache .ruff_cache .mypy_cache .hypothesis src/*.egg-info
+	rm -rf $(VENV) out build dist docs/_build .pytest_cache .ruff_cache .mypy_cache .hypothesis src/*.egg-info
 	find src tests tools benchmarks -name __pycache__ -type d -prune -exec rm -rf {} + 2>/dev/null || true

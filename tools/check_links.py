@@ -50,7 +50,7 @@ def broken(page: Path) -> list[str]:
 def main() -> int:
     """Check every page; returns the exit status."""
     pages = [ROOT / name for name in ("README.md", "CONTRIBUTING.md", "CHANGELOG.md")]
-    pages += sorted((ROOT / "docs").rglob("*.md"))
+    pages += sorted(path for path in (ROOT / "docs").rglob("*.md") if "_build" not in path.parts)
     pages = [page for page in pages if page.exists()]
     faults = [fault for page in pages for fault in broken(page)]
     print("\n".join(faults) if faults else f"{len(pages)} pages: every link leads somewhere")

@@ -15,6 +15,7 @@ import json
 import re
 import sys
 from pathlib import Path
+from typing import Any
 
 import urushi as ur
 from urushi import stack as description
@@ -95,14 +96,71 @@ def benchmarks() -> str:
     return "\n".join(lines) + "\n"
 
 
+def _validation() -> dict[str, Any]:
+    """What `tools/make_validation.py` found last."""
+    found: dict[str, Any] = json.loads((ROOT / "docs" / "data" / "validation.json").read_text("utf-8"))
+    return found
+
+
+def outside() -> str:
+    """Every comparison with a source of truth from outside, by method."""
+    found = _validation()
+    lines = [
+        "| source | quantity | values | its own error | walk: largest, rms of z, worst z | adding | lobes |",
+        "|---|---|---:|---:|---:|---:|---:|",
+    ]
+    for source in found["sources"].values():
+        methods = source["methods"]
+        for quantity, walk in sorted(methods["walk"]["values"].items()):
+            others = (methods[name]["values"].get(quantity) for name in ("adding", "lobes"))
+            cells = [f"{one['largest']:.1g}" if one else "" for one in others]
+            if methods["lobes"]["cannot"]:
+                cells[1] += f" ({methods['lobes']['cannot']} cases refused)"
+            lines.append(
+                f"| {source['about']} | {quantity} | {walk['count']} | {_error(walk['known'])} "
+                f"| {walk['largest']:.1g}, {walk['rms']:.2f}, {walk['worst']:.1f} | {' | '.join(cells)} |"
+            )
+    return "\n".join([*lines, "", _measured(found)]) + "\n"
+
+
+def _error(value: float) -> str:
+    return f"{value:.1g}" if value else "not told"
+
+
+def _measured(found: dict[str, Any]) -> str:
+    on = found["machine"]
+    return (
+        f"Measured on {on['processor']}, {on['threads']} threads, with Mitsuba {on['mitsuba']}, {on['date']}."
+    )
+
+
+def between() -> str:
+    """The methods against one another, on every preset."""
+    lines = ["| preset | walk | its standard error | lobes |", "|---|---:|---:|---:|"]
+    for name, one in _validation()["presets"].items():
+        if "walk" not in one:
+            lines.append(f"| `{name}` | {one['cannot']} | | |")
+            continue
+        lobes = f"{one['lobes']:.3f}" if "lobes" in one else one["cannot"]
+        lines.append(f"| `{name}` | {one['walk']:.4f} | {one['sigma']:.4f} | {lobes} |")
+    return "\n".join(lines) + "\n"
+
+
 def pages() -> list[Path]:
     """Every page that may have a table."""
-    return [ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md"))]
+    docs = ROOT / "docs"
+    return [ROOT / "README.md", *(path for path in sorted(docs.rglob("*.md")) if "_build" not in path.parts)]
 
 
 def current(text: str) -> str:
     """A page with its tables as they should be."""
-    whole = {"metals": metals, "presets": presets, "benchmarks": benchmarks}
+    whole = {
+        "metals": metals,
+        "presets": presets,
+        "benchmarks": benchmarks,
+        "outside": outside,
+        "between": between,
+    }
 
     def table(match: re.Match[str]) -> str:
         name = match[2]

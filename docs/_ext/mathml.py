@@ -6,6 +6,7 @@ to it, so that a docstring that cites "theory (adding.3)" can be followed by eye
 
 from __future__ import annotations
 
+import re
 from typing import Any
 
 from docutils import nodes
@@ -15,6 +16,8 @@ from sphinx.domains.math import MathDomain
 from sphinx.util import logging
 
 LOG = logging.getLogger(__name__)
+#: R'_1: a letter or a bracket, primes, and what may stand below
+PRIMED = re.compile(r"(\\[A-Za-z]+|[A-Za-z)])('+)(?:_(\{[^}]*\}|\w))?")
 
 
 class Equations(MathDomain):
@@ -29,10 +32,16 @@ class Equations(MathDomain):
         return found
 
 
+def raised(found: re.Match[str]) -> str:
+    """Primes as superscripts, which docutils would put beside the letter."""
+    below = f"_{found[3]}" if found[3] else ""
+    return f"{found[1]}{below}^{{" + r"\prime " * len(found[2]) + "}"
+
+
 def converted(node: Any, block: bool) -> str:
     """MathML of a formula; one that cannot be read is a warning, which ends the build."""
     try:
-        return str(tex2mathml(node.astext(), as_block=block))
+        return str(tex2mathml(PRIMED.sub(raised, node.astext()), as_block=block))
     except MathError as error:
         LOG.warning("formula %s: %s", node.astext(), error, location=node)
         return f"<code>{node.astext()}</code>"
@@ -46,8 +55,7 @@ def inline(writer: Any, node: Any) -> None:
 
 def display(writer: Any, node: Any) -> None:
     """A formula on a line of its own, with its label."""
-    attributes = {"ids": node.get("ids", [])}
-    writer.body.append(writer.starttag(node, "div", CLASS="math notranslate", **attributes))
+    writer.body.append('<div class="math notranslate">')
     writer.body.append(converted(node, True))
     if label := node.get("label"):
         writer.body.append(
