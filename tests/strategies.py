@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 import urushi as ur
 from urushi.description.base import Description
-from urushi.description.parameter import Normal, Parameter, Roughness
+from urushi.description.parameter import Covariance, Normal, Parameter, Roughness
 from urushi.description.phases import Curve
 from urushi.optics.ior import conductor_names
 from urushi.stack import LAYERS, PHASES
@@ -43,6 +43,11 @@ def values(rule: Parameter | Curve, textured: bool) -> st.SearchStrategy[Any]:
     if isinstance(rule, Normal):
         sideways = st.floats(-1, 1)
         forms = st.tuples(sideways, sideways, st.floats(rule.lowest, 1))
+    elif isinstance(rule, Covariance):
+        deviation = st.floats(0, 0.7)
+        forms = st.tuples(deviation, deviation, st.floats(-1, 1)).map(
+            lambda s: (s[0] * s[0], s[1] * s[1], s[0] * s[1] * s[2])
+        )
     elif isinstance(rule, Roughness):
         rough = st.floats(rule.smallest, rule.high)
         forms |= st.tuples(rough, rough) | st.just((0.0, 0.0))

@@ -20,7 +20,7 @@ import urushi as ur
 from lanes import needs_llvm
 from strategies import stacks
 from urushi.checks.finiteness import directions
-from urushi.description.parameter import Parameter, Roughness
+from urushi.description.parameter import Covariance, Normal, Parameter, Roughness
 from urushi.solvers.numbers import described
 
 pytestmark = needs_llvm
@@ -42,9 +42,7 @@ def plain(stack: ur.Stack) -> ur.Stack:
     layers = []
     for layer in stack.layers:
         given = {name: getattr(layer, name) for name in type(layer).model_fields}
-        given |= {
-            name: value for name, value in (("normal", None), ("multiple_scattering", False)) if name in given
-        }
+        given |= {name: False for name in ("multiple_scattering",) if name in given}
         if layer.kind == "medium":
             given |= {"depth": 1.0, "thickness": None, "sigma_t": None}
         if layer.kind == "conductor":
@@ -63,6 +61,15 @@ def lane_values(stack: ur.Stack, n: int, rng: np.random.Generator) -> dict[str, 
         layer: Any = stack.layers[int(name.split(".")[0].removeprefix("layer_"))]
         rule: Any = type(layer.phase if head.endswith(".phase") else layer).rules()[leaf]
         assert isinstance(rule, Parameter)
+        if isinstance(rule, Normal):
+            sideways, up = rng.uniform(-1, 1, (n, 2)), 10.0 ** rng.uniform(-3, 0, n)
+            found[name] = np.column_stack([sideways, up])
+            continue
+        if isinstance(rule, Covariance):
+            deviation = rng.uniform(0, 0.7, (n, 2)) * rng.integers(0, 2, (n, 2))
+            correlation = rng.uniform(-1, 1, n) * deviation.prod(axis=1)
+            found[name] = np.column_stack([deviation**2, correlation])
+            continue
         width = len(value) if isinstance(value, tuple) else rng.choice([1, 3]) if leaf in COLOURS else 1
         ends = rng.choice([rule.low, min(rule.high, DEEPEST) if leaf == "depth" else rule.high], (n, width))
         if isinstance(rule, Roughness):

@@ -59,8 +59,10 @@ class BoundStack:
         """True if light may go round and round between smooth interfaces, which only rounding can make it do for ever.
 
         What gets in by refraction gets out by it, but at grazing angles single precision may see total reflection on
-        the way out.
+        the way out. Between tilted interfaces it may in truth, or nearly.
         """
+        if self.tilted:
+            return True
         smooth = [interface.delta is not False for interface in self.interfaces]
         return any(one and other for one, other in pairwise(smooth))
 

@@ -156,7 +156,7 @@ def _advance(stack: BoundStack, s: State, region: int, down: bool, tally: Any = 
     s["d"] = dr.select(here, o, d)
     s["t"] = dr.select(here, entry_height(o), s["t"])
     s["depth"] = dr.select(here, s["depth"] + 1, s["depth"])
-    if s["calm"] is not None and interface.delta is not True:
+    if s["calm"] is not None and interface.delta is not True and not stack.tilted:
         s["calm"] = s["calm"] & negate(here if interface.delta is False else here & negate(interface.delta))
     if event.through is not False and not outer:
         beyond = region + 1 if down else region - 1

@@ -245,7 +245,7 @@ def _meet(
     if s["region"] is not None and not outer and event.through is not False:
         beyond = region + 1 if down else region - 1
         s["region"] = dr.select(here & event.through, type(s["region"])(beyond), s["region"])
-    if s["calm"] is not None and interface.delta is not True:
+    if s["calm"] is not None and interface.delta is not True and not stack.tilted:
         s["calm"] = s["calm"] & negate(here if interface.delta is False else here & negate(interface.delta))
     _count(s, here)
 
