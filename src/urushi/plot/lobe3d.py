@@ -31,7 +31,7 @@ def lobe3d(
     labels: Sequence[str] | None = None,
     log: bool = True,
     channel: str = "luminance",
-    samples: int = 1024,
+    samples: int = 512,
     azimuth: float = -60.0,
     elevation: float = 22.0,
     **options: Any,
@@ -68,8 +68,9 @@ def lobe3d(
     radius = scale(peak, log)
     norm = LogNorm(peak * 10.0**-DECADES, peak) if log else Normalize(0.0, peak)
     colours = colormaps[style.IMAGE]
-    figure = style.figure(4.3 * len(shown) + 0.9, 4.7)
-    figure.suptitle(f"Lobe in space, light from {theta:g}°", x=0.01, ha="left")
+    figure = style.figure(4.0 * len(shown) + 1.0, 4.6 if any(one.transmits for one in shown) else 4.0)
+    title = f"Lobe in space, light from {theta:g}°, {'logarithmic' if log else 'linear'} radius"
+    figure.suptitle(title, x=0.01, ha="left")
     panels = []
     for i, one in enumerate(shown):
         axes = figure.add_subplot(1, len(shown), i + 1, projection="3d", computed_zorder=False)
@@ -78,23 +79,23 @@ def lobe3d(
         for k, (wo, value) in enumerate(grids[i]):
             body = wo * radius(value)[..., None]
             face = colours(norm(np.maximum(value, peak * 10.0**-DECADES)))
-            look: dict[str, Any] = {"facecolors": face, "rstride": 1, "cstride": 1, "linewidth": 0.15}
-            look |= {"edgecolor": (1, 1, 1, 0.25), "antialiased": True, "shade": True}
+            look: dict[str, Any] = {"facecolors": face, "rstride": 1, "cstride": 1, "linewidth": 0.2}
+            look |= {"edgecolor": (1, 1, 1, 0.35), "antialiased": True, "shade": False}
             axes.plot_surface(*np.moveaxis(body, -1, 0), zorder=1 if k else 3, **look)
         _surroundings(axes, wi[0], deltas[i], below)
         axes.view_init(elev=elevation, azim=azimuth)
         axes.set_title(one.label + _said(deltas[i], channel))
     unit = "f |cos θo|" + ("" if channel == "luminance" else f", {channel}")
     bar = figure.colorbar(ScalarMappable(norm, colours), ax=panels, shrink=0.65, pad=0.04)
-    bar.set_label(f"{unit}  (1/sr)" + (", radius logarithmic too" if log else ", and radius"))
+    bar.set_label(f"{unit}  (1/sr)")
     bar.outline.set_visible(False)
     handles = [
         Line2D([], [], color=style.LIGHT, lw=2, label="incident light"),
-        Line2D([], [], color=style.FAINT, lw=1, label="the surface, a circle of radius 1; x to the right"),
+        Line2D([], [], color=style.FAINT, lw=1, label="the surface, with circles of radius 1/2 and 1"),
     ]
     if any(deltas):
         handles.insert(1, Line2D([], [], color=style.VERMILION, lw=2, label="delta part"))
-    figure.legend(handles=handles, loc="outside lower left", ncols=3)
+    figure.legend(handles=handles, loc="outside lower left", ncols=1)
     return figure
 
 
@@ -104,7 +105,7 @@ def sides(subject: Subject) -> tuple[bool, ...]:
 
 
 def grid(
-    subject: Subject, wi: np.ndarray, above: bool, name: str, steps: tuple[int, int] = (31, 61)
+    subject: Subject, wi: np.ndarray, above: bool, name: str, steps: tuple[int, int] = (61, 121)
 ) -> tuple[np.ndarray, np.ndarray]:
     """Directions (T, P, 3) of one side and the value (T, P) in each; along the surface it is 0."""
     t = np.linspace(0.0, np.pi / 2, steps[0])
@@ -124,15 +125,15 @@ def _surroundings(axes: Any, wi: np.ndarray, deltas: list[Arrow], below: float) 
         axes.plot(radius * np.cos(turn), radius * np.sin(turn), 0 * turn, color=style.FAINT, lw=0.7, zorder=2)
     axes.plot([0, 1.12], [0, 0], [0, 0], color=style.FAINT, lw=0.7, zorder=2)
     axes.plot([0, 0], [0, 1.12], [0, 0], color=style.FAINT, lw=0.7, zorder=2)
-    axes.text(1.2, 0, 0, "x", fontsize=8, ha="center", va="center")
-    axes.text(0, 1.2, 0, "y", fontsize=8, ha="center", va="center")
+    axes.text(1.2, 0, 0, "x", fontsize=8, ha="center", va="center", zorder=0)
+    axes.text(0, 1.2, 0, "y", fontsize=8, ha="center", va="center", zorder=0)
     _ray(axes, 1.15 * wi, np.zeros(3), style.LIGHT)
     for part in deltas:
         _ray(axes, np.zeros(3), 0.95 * part.direction, style.VERMILION)
     axes.set_xlim(-0.85, 0.85)
     axes.set_ylim(-0.85, 0.85)
     axes.set_zlim(below * 0.95, 0.95)
-    axes.set_box_aspect((1.7, 1.7, 0.95 - 0.95 * below), zoom=1.05)
+    axes.set_box_aspect((1.7, 1.7, 0.95 - 0.95 * below), zoom=1.2)
     axes.set_axis_off()
 
 
