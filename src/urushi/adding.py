@@ -8,6 +8,7 @@ Light goes back and forth between the two layers; the sum over all bounces is a 
 and, for light from below, the same with the pair turned over. Whether R and T are numbers (Stokes), colours, matrices
 in a directional basis (Grant & Hunt 1969) or operators with a delta part changes nothing in them but what "times" and
 the series mean: that is an `Algebra`, and the second argument's only business. What all have in common is `+`.
+Derived in docs/theory/adding.md: theory (adding.3 to adding.5).
 """
 
 from __future__ import annotations

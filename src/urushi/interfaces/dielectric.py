@@ -1,4 +1,4 @@
-"""The boundary of two dielectrics, smooth or rough, from both sides (Walter et al. 2007).
+"""The boundary of two dielectrics, smooth or rough, from both sides (Walter et al. 2007; theory (walk.1, walk.2)).
 
 The index ratio, its inverse from below, and the squared ratio in the Jacobian of refraction are handled here and
 nowhere else.

@@ -87,8 +87,8 @@ class BoundMedium:
         """Choose between crossing to the boundary ahead and a collision on the way.
 
         The choice is made in proportion to what each would carry, so an absorber only ever attenuates, and the weight
-        never exceeds what the slab lets live. With coloured depths one channel, picked by what it carries, places
-        the collision, and the weight divides by the mixture of all channels.
+        never exceeds what the slab lets live: theory (walk.4). With coloured depths one channel, picked by what it
+        carries, places the collision, and the weight divides by the mixture of all channels.
 
         Args:
             t: where the flight starts.

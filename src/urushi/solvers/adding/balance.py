@@ -4,7 +4,8 @@ Etendue W times a matrix is symmetric for light that may go either way, A[o, i] 
 carries light back. Columns computed one by one have that up to what the nodes do not resolve. Of the two values of
 each exchange, the one that was computed as a share of less light is the surer: they are averaged with weights W^2 of
 the other end. Then every node gets a factor, near 1, that makes the columns of reflection and transmission together
-add up to what they should (as Sinkhorn's scaling does, here by Newton's method); reciprocity survives that.
+add up to what they should (as Sinkhorn's scaling does, here by Newton's method); reciprocity survives that (theory
+(basis.15)).
 """
 
 from __future__ import annotations

@@ -13,7 +13,8 @@ Between nodes, quantities are smooth in the angle psi = arccos x: towards normal
 azimuthal order m like theta^m, even or odd; at the upper end of any other panel, where total reflection begins,
 everything on this side is smooth in mu, thus even in psi. So the nodes continue as their mirror images at psi < 0.
 
-The flux that crosses a plane in a ring of directions is W = n^2 mu dmu (etendue), the same number in every region.
+The flux that crosses a plane in a ring of directions is W = n^2 mu dmu (etendue), the same number in every region:
+theory (basis.4).
 """
 
 from __future__ import annotations

@@ -1,10 +1,10 @@
 """Delta-M: a peak too sharp for the nodes becomes light that goes straight on, or straight back (Wiscombe 1977).
 
 The series of a sharp phase function is cut after L terms. What would follow is nearly the series of a delta peak,
-whose moments are all alike, f; so f of the scattered light counts as not scattered at all (or, for a backward peak, as
-sent back where it came from), and the rest has moments chi_l - f. Reflectance and transmittance are then those of the
-true phase function to the order that the nodes resolve; the peak itself, in the light scattered once, comes back from
-the exact formula in `single` (Nakajima & Tanaka 1988).
+whose moments are all alike, f; so f of the scattered light counts as not scattered at all (or, for a backward peak,
+as sent back where it came from), and the rest has moments chi_l - f (theory (basis.12)). Reflectance and
+transmittance are then those of the true phase function to the order that the nodes resolve; the peak itself, in the
+light scattered once, comes back from the exact formula in `single` (Nakajima & Tanaka 1988).
 """
 
 from __future__ import annotations

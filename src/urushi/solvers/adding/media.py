@@ -15,9 +15,10 @@ A slab of depth 2 h, lit alike or oppositely from both sides, then reflects and 
     R + T = (1 - Z) / (1 + Z),    Z = X K^-1 tanh h K,    K^2 = Y X
     T - R = (1 - V) / (1 + V),    V = Y K^-1 tanh h K,    K^2 = X Y
 
-without any growing exponential and without loss where X loses nothing. `ordinates` finds the tanh by the modes of
-K, once for all depths; `doubling` by a few powers of thin h. Both do any depth; the modes are faster and, having no
-thousandfold additions to round, conserve energy to the last digit: they are what `slab` uses unless told otherwise.
+(theory (basis.7 to basis.10)) without any growing exponential and without loss where X loses nothing. `ordinates`
+finds the tanh by the modes of K, once for all depths; `doubling` by a few powers of thin h. Both do any depth; the
+modes are faster and, having no thousandfold additions to round, conserve energy to the last digit: they are what
+`slab` uses unless told otherwise.
 """
 
 from __future__ import annotations

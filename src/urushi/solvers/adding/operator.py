@@ -8,7 +8,8 @@ a part that is absent costs nothing, and orders that only one factor has meet th
     (d + D)(e + E) = d e  +  (d E + D e + D E)
     (1 - d - D)^-1 (e + E) = s e  +  (1 - s D)^-1 s (E + D s e),      s = 1 / (1 - d)
 
-Regions own prefixes of one list of nodes, so the diagonal of a rectangular operator belongs to the nodes both have.
+See theory (adding.6, adding.7). Regions own prefixes of one list of nodes, so the diagonal of a rectangular operator
+belongs to the nodes both have.
 """
 
 from __future__ import annotations

@@ -5,8 +5,9 @@ theorem turns into a sum of products, order by order (Chandrasekhar 1950, sectio
 
     p_m(mu_o, mu_i) = sum_l (2 l + 1) chi_l Y_l^m(mu_o) Y_l^m(mu_i),     Y_l^m = sqrt((l - m)! / (l + m)!) P_l^m
 
-in which half the integral of p_0 over all cosines is 1, and p = 1 / (4 pi) sum_m (2 - [m = 0]) p_m cos(m phi).
-Y_l^m is even or odd in the cosine with l - m, so the sums over even and over odd l - m give both hemispheres at once.
+(theory (basis.6)), in which half the integral of p_0 over all cosines is 1, and p = 1 / (4 pi) sum_m (2 - [m = 0])
+p_m cos(m phi). Y_l^m is even or odd in the cosine with l - m, so the sums over even and over odd l - m give both
+hemispheres at once.
 
 A new phase function is a class with `moments` and `eval` here, and a line in `PHASES`.
 """

@@ -5,10 +5,10 @@ and the transmittance obey
 
     R' = B - (1/mu - P) R - R (1/mu - P) + R B R,      T' = -(1/mu - P) T + R B T      (' along the optical depth)
 
-the first of which is Riccati's equation. The same from the bottom up gives the reflectance for light from above; what
-passes upwards is the transpose of what passes downwards. The rates 1/mu of grazing light are large, but diagonal: they
-are integrated exactly, the rest by four stages (exponential time differencing: Cox & Matthews 2002). Steps are chosen
-by comparing one step with two of half the length.
+the first of which is Riccati's equation (theory (adding.10)). The same from the bottom up gives the reflectance for
+light from above; what passes upwards is the transpose of what passes downwards. The rates 1/mu of grazing light are
+large, but diagonal: they are integrated exactly, the rest by four stages (exponential time differencing: Cox &
+Matthews 2002). Steps are chosen by comparing one step with two of half the length.
 """
 
 from __future__ import annotations

@@ -3,9 +3,9 @@
     k_R = a p(cos) mu_o / (mu_i + mu_o) (1 - exp(-tau (1/mu_i + 1/mu_o)))
     k_T = a p(cos) tau / mu_i exp(-tau / mu_max) (1 - exp(-x)) / x,      x = tau (1/mu_min - 1/mu_max)
 
-(flux density per solid angle and unit flux, Chandrasekhar 1950). It holds all that is sharp in the phase function and
-whatever is not smooth as both directions graze; the rest is smooth enough to interpolate. Of a truncated phase
-function `operators` gives the same on the nodes, to be taken off before that.
+(flux density per solid angle and unit flux, Chandrasekhar 1950; theory (basis.13)). It holds all that is sharp in the
+phase function and whatever is not smooth as both directions graze; the rest is smooth enough to interpolate. Of a
+truncated phase function `operators` gives the same on the nodes, to be taken off before that.
 """
 
 from __future__ import annotations

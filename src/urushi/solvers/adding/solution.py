@@ -5,8 +5,8 @@ one. Each is a flux operator (see `operator`): on nodes i -> o and for azimuthal
 
     A_m[o, i] = w_o integral of k(o <- i, phi) cos(m phi) dphi,      k = f |cos theta_o| without the squared index ratio
 
-High orders are 0 towards normal incidence, and nodes are ordered from there: orders are kept in blocks, each on the
-nodes from `first` on.
+See theory (basis.3). High orders are 0 towards normal incidence, and nodes are ordered from there: orders are kept in
+blocks, each on the nodes from `first` on.
 """
 
 from __future__ import annotations

@@ -4,9 +4,9 @@ What is interpolated is the symmetric and everywhere finite
 
     q(o, i, phi) = k(o <- i, phi) (mu_o + mu_i) / (mu_o n_o^2)
 
-(k the flux density, mu and n of the regions outside), in both polar angles by `stencil`, at fixed azimuth: each pair of
-nodes has its own short series in its own stretched azimuth (`warp`). Values below 0, which interpolation may leave
-where there is next to no light, become 0 in the sum, never in a term.
+(k the flux density, mu and n of the regions outside; theory (basis.16)), in both polar angles by `stencil`, at fixed
+azimuth: each pair of nodes has its own short series in its own stretched azimuth (`warp`). Values below 0, which
+interpolation may leave where there is next to no light, become 0 in the sum, never in a term.
 """
 
 from __future__ import annotations

@@ -7,7 +7,7 @@ table makes every place pay. With the angle s,
 
 the lobe covers all of s: what GGX and Henyey & Greenstein make of phi are powers of 1 / (d^2 + tan^2(phi / 2)), which
 are short polynomials in cos s. So each pair of nodes has a d of its own, and all have the same few terms in cos(k s).
-d = 1 is the plain series.
+d = 1 is the plain series. See theory (basis.17).
 """
 
 from __future__ import annotations

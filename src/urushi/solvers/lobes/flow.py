@@ -1,7 +1,8 @@
 """Energies of two kinds of light at once: a beam, which has a direction, and diffuse light, which has none left.
 
 What a layer does to both is a triangular matrix: a beam stays one or becomes diffuse, and nothing becomes a beam
-again. Products and the series of bounces of such matrices are what the adding equations (`urushi.adding`) need.
+again. Products and the series of bounces of such matrices (theory (lobes.9, lobes.10)) are what the adding equations
+(`urushi.adding`) need.
 """
 
 from __future__ import annotations

@@ -6,9 +6,9 @@ by the index ratio n = n_below / n_above. So a roughness that goes up through a 
 
     j = n cos_below / cos_above
 
-and one that goes down by 1 / j; `Scale.factor` says what that does to a width. The paper prints, and its code computes,
-factors that are the inverse of these in three places; from three interfaces on this shows. `published=True` does as
-the code does.
+and one that goes down by 1 / j (theory (lobes.5)); `Scale.factor` says what that does to a width. The paper prints,
+and its code computes, factors that are the inverse of these in three places; from three interfaces on this shows.
+`published=True` does as the code does.
 """
 
 from __future__ import annotations

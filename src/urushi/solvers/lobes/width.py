@@ -3,7 +3,7 @@
 The sum of two independent GGX slopes is as wide as the sum of their f says, with f(alpha) = alpha^1.35: a power,
 since slopes have no scale, fitted to the medians of such sums (Monte Carlo, to 1 % for two). Variances, the power 2,
 do not exist for GGX, whose tails are long. Belcour 2018 adds alpha^1.1 / (1 - alpha^1.1) (section 5), a tenth too
-wide for two lobes and more for more; that is `PUBLISHED`.
+wide for two lobes and more for more; that is `PUBLISHED`. See theory (lobes.1, lobes.2).
 
 An anisotropic interface has one such number along each of its axes, and interfaces turned against one another have
 different axes: then a width is a symmetric matrix f(alpha_x) x x^T + f(alpha_y) y y^T (Weier & Belcour 2020;

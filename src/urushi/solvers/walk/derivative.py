@@ -1,10 +1,11 @@
 """Derivatives of the walk: sample with the numbers held still, weigh with the live ones.
 
-The mean of f / p over directions drawn from p is right whatever p is, so p need not follow the parameters: directions,
-distances and choices are sampled by a copy of the stack whose numbers are detached from the derivative, and every
-event multiplies the path by its live flux density over that detached density ("detached sampling", Zeltner et al. 2021,
-Monte Carlo Estimators for Differential Light Transport). No derivative of a choice is lost, since none is taken. What a
-smooth interface does to a direction has no density; there the direction itself carries the derivative.
+The mean of f / p over directions drawn from p is right whatever p is, so p need not follow the parameters:
+directions, distances and choices are sampled by a copy of the stack whose numbers are detached from the derivative,
+and every event multiplies the path by its live flux density over that detached density ("detached sampling", theory
+(walk.15), Zeltner et al. 2021, Monte Carlo Estimators for Differential Light Transport). No derivative of a choice is
+lost, since none is taken. What a smooth interface does to a direction has no density; there the direction itself
+carries the derivative.
 
 The classes here stand in for the interfaces, media and phase functions of a stack when a parameter has its gradient
 enabled, and cost nothing when none has.

@@ -1,10 +1,11 @@
 """The way out: where a path must be headed, at its last vertices, to leave along wo.
 
 Light that leaves along wo crosses one last interface. Its direction before that is sampled backwards, from wo, with
-the interface's own sampling (after Guo et al. 2018, section 5), and any vertex of the walk can then be connected
-to it. Behind a smooth interface nothing can be connected: where smooth interfaces lie inside the stack the backward
-ray goes on through them, reflecting and refracting, until what it meets next may scatter. So a path is cut at its
-first scattering vertex seen from wo, in one way only, and the estimate is exact for any number of smooth interfaces.
+the interface's own sampling (after Guo et al. 2018, section 5), and any vertex of the walk can then be connected to
+it: theory (walk.7, walk.8). Behind a smooth interface nothing can be connected: where smooth interfaces lie inside
+the stack the backward ray goes on through them, reflecting and refracting, until what it meets next may scatter. So a
+path is cut at its first scattering vertex seen from wo, in one way only, and the estimate is exact for any number of
+smooth interfaces.
 """
 
 from __future__ import annotations

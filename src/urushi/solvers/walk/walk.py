@@ -7,12 +7,14 @@ and every event keeps or lowers its flux, so the eta^2 of radiance enters once, 
 One turn of the loop sweeps the stack down and up again: each lane meets, in this order, the media and interfaces that
 lie ahead of it. The stack is unrolled in Python; only the numbers are Dr.Jit's.
 
-At every vertex next to the way out two strategies estimate the same light, joined by the power heuristic (Veach 1997):
+At every vertex next to the way out two strategies estimate the same light, joined by the power heuristic (Veach
+1997):
 
     connect   go on along the exit ray that was sampled backwards from wo (`exit`);
     arrive    go on along a sampled direction and see how much of it the exit interface sends along wo.
 
-Where every vertex is flat (diffuse, or nearly isotropic scattering), connecting is as good as it gets and stands alone.
+See theory (walk.5, walk.6, walk.9 to walk.12). Where every vertex is flat (diffuse, or nearly isotropic scattering),
+connecting is as good as it gets and stands alone.
 """
 
 from __future__ import annotations
