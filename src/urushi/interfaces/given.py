@@ -75,7 +75,9 @@ class Given:
         wide = self.widened()
         if wide is not None:
             x, y, _, mean = wide
-            delta: Any = False if self.known("slope_variance") is not None else mean <= 0
+            known = self.known("slope_variance") is not None
+            certain = known or (self.known("alpha") is not None and not self.is_zero("alpha"))
+            delta: Any = False if certain else mean <= 0
             masking = getattr(self.layer, "masking", "correlated")
             wide_x, wide_y = at_least(x, SMALLEST), at_least(y, SMALLEST)
             return Microfacets(wide_x, wide_y, self.layer.distribution, masking), delta

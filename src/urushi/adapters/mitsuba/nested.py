@@ -4,6 +4,7 @@
     conductor, roughconductor          -> Conductor (its index is absolute)
     complete_roughconductor, complete_roughdielectric -> the same with scattering between the facets
     diffuse                            -> Diffuse
+    normalmap around any of these      -> the same with that normal (light in between is kept, see `interfaces.tilted`)
     homogeneous (a medium)             -> Medium of depth sigma_t * scale * thickness_N (thickness_N is 1 by default)
 
 Their textures stay what they are. Anything else is refused. Indices are relative in Mitsuba: the stack is taken to lie
@@ -108,6 +109,12 @@ def read_child(
         return _complete(child, index)
     kind = child.class_name()
     found = traversed(mi, child)
+    if kind == "NormalMap":
+        return _normal_map(mi, found, index, thickness, complete)
+    if kind == "BumpMap":
+        raise Refused(
+            "a bump map has heights, not normals; allowed: normalmap around a BSDF that can be read"
+        )
     if isinstance(child, mi.Medium):
         if kind != "HomogeneousMedium":
             raise Refused("only homogeneous media can be read")
@@ -142,7 +149,21 @@ def read_child(
         return Conductor(eta=_NOMINAL, k=_NOMINAL, **options), given, index
     raise Refused(
         "cannot be read as a layer; allowed: dielectric, roughdielectric, conductor, roughconductor, diffuse, "
-        "homogeneous, complete_roughconductor, complete_roughdielectric"
+        "homogeneous, complete_roughconductor, complete_roughdielectric, normalmap around one of these"
+    )
+
+
+def _normal_map(
+    mi: Any, found: dict[str, Any], index: float, thickness: float, complete: str | None
+) -> tuple[Any, dict[str, Any], float]:
+    """The interface inside a `normalmap`, with its normals."""
+    layer, given, below = read_child(mi, found["nested_bsdf"], index, thickness, complete)
+    if layer.normal is not None:
+        raise Refused("a normal map around a normal map cannot be read")
+    return (
+        layer.model_copy(update={"normal": (0.0, 0.0, 1.0)}),
+        {**given, "normal": found["normalmap"]},
+        below,
     )
 
 

@@ -4,6 +4,7 @@
     filename       string            material file, or ``preset:NAME``; or nested children instead:
     layer_0, ...   BSDF or medium    layers from the top down: dielectric, roughdielectric, conductor, roughconductor,
                                      diffuse, homogeneous, complete_roughconductor, complete_roughdielectric
+    footprint      float             side of the square of texture coordinates that a pixel sees, for normal maps (0)
     thickness_N    float             geometric thickness of the medium ``layer_N`` (1)
     method         string            ``walk`` (default), ``adding``, ``lobes``, or ``auto``
     samples        int               walk: paths per evaluation (1)
@@ -52,7 +53,12 @@ from .surface import Surface
 METHODS: dict[str, Any] = {"walk": Walk, "adding": Adding, "lobes": Lobes}
 
 #: what may be said besides the layers
-OPTIONS = ("filename", "method", *dict.fromkeys(o for method in METHODS.values() for o in method.OPTIONS))
+OPTIONS = (
+    "filename",
+    "method",
+    "footprint",
+    *dict.fromkeys(o for method in METHODS.values() for o in method.OPTIONS),
+)
 
 
 def register(mi: Any) -> None:
@@ -73,7 +79,7 @@ def make_plugin(mi: Any) -> Any:
             self.stack, sources = self._describe(props)
             method = _method(props, self.stack)
             try:
-                self.surface = Surface(mi, self.stack, sources)
+                self.surface = Surface(mi, self.stack, sources, _footprint(props))
             except MaterialError as error:
                 raise inside(error, props.id() or "layered") from None
             self.method = method(mi, self.stack, self.surface, props)
@@ -227,6 +233,12 @@ def _described(mi: Any, props: Any) -> tuple[Any, dict[str, Any]]:
     if not children:
         raise MaterialError("found no layers; allowed: filename, or layer_0, layer_1, ...", where=where)
     return read_children(mi, children, thickness, where)
+
+
+def _footprint(props: Any) -> float:
+    if "footprint" not in props:
+        return 0.0
+    return _length(props["footprint"], "footprint")
 
 
 def _length(value: Any, where: str) -> float:

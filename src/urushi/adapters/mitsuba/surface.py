@@ -15,8 +15,9 @@ import drjit as dr
 import drjit.scalar
 import numpy as np
 
-from urushi.errors import MaterialError
-from urushi.solvers.numbers import described
+from urushi.adapters.normal_map import Slopes
+from urushi.errors import MaterialError, UrushiError
+from urushi.solvers.numbers import VECTORS, described
 from urushi.stack import Stack, Texture
 
 #: parameters that may differ from channel to channel
@@ -77,6 +78,9 @@ class Parameter:
             value = value.texture
         elif isinstance(value, mi.Texture):
             pass
+        elif kind in VECTORS:
+            self.fixed = value
+            value = mi.Vector3f(*(v if mi.Float is float else dr.opaque(mi.Float, v) for v in value))
         elif isinstance(value, tuple) and len(value) == 3:
             self.fixed = value
             value = self._constant_colour(value, kind)
@@ -166,16 +170,25 @@ class Parameter:
         return self.textured and self.value.is_spatially_varying()
 
     def at(self, si: Any, active: Any) -> Any:
-        """The value at a surface interaction: a number, or a colour in the variant's channels."""
+        """The value at a surface interaction: a number, a vector, or a colour in the variant's channels."""
+        mi = self.mi
         if not self.textured:
             return self.value[0] if isinstance(self.value, drjit.scalar.Array1f) else self.value
+        kind = self.name.rsplit(".", 1)[-1]
+        if kind in VECTORS:
+            found = mi.Vector3f(self.value.eval_3(si, active))
+            if kind == "slope_variance":
+                return found * self.factor
+            # As Mitsuba's `normalmap` reads it; the scale makes slopes steeper.
+            found = 2 * found - 1
+            return mi.Vector3f(found.x * self.factor, found.y * self.factor, found.z)
         if not self.colour:
             number = self.value.eval_1(si, active) * self.factor
             return number if self.lowest is None else dr.maximum(number, self.lowest)
         value = self.value.eval(si, active) * self.factor
         if self.fading:
             value = -dr.log(dr.maximum(value, 1e-9)) / self.fading
-        return value[0] if "mono" in self.mi.variant() else value
+        return value[0] if "mono" in mi.variant() else value
 
 
 class Surface:
@@ -186,13 +199,19 @@ class Surface:
         stack: the description.
         sources: Mitsuba textures that stand in for values of the description, by name; a pair for an anisotropic
             roughness.
+        footprint: side of the square of texture coordinates that a pixel sees; normal maps are averaged over it, and
+            what they vary within adds to the roughness.
     """
 
-    def __init__(self, mi: Any, stack: Stack, sources: dict[str, Any] | None = None) -> None:
+    def __init__(
+        self, mi: Any, stack: Stack, sources: dict[str, Any] | None = None, footprint: float = 0.0
+    ) -> None:
         self.mi = mi
         self.stack = stack
         given = {**described(stack), **_spectral_metals(mi, stack), **(sources or {})}
         self.exterior = given.pop("exterior")
+        if footprint > 0:
+            given |= _seen_from_afar(mi, stack, given, footprint)
         self.parameters: dict[str, Any] = {}
         for name, value in given.items():
             if isinstance(value, tuple) and len(value) == 2:
@@ -238,6 +257,53 @@ class Surface:
             else:
                 values[name] = parameter.at(si, active)
         return values
+
+
+def _seen_from_afar(mi: Any, stack: Stack, given: dict[str, Any], footprint: float) -> dict[str, Any]:
+    """Normal maps averaged over a footprint, and the variance of slopes that this leaves out.
+
+    Raises:
+        MaterialError: a normal map that is no image, or that comes with a variance of its own.
+    """
+    found: dict[str, Any] = {}
+    for i, layer in enumerate(stack.layers):
+        source, name = given.get(f"layer_{i}.normal"), f"layer_{i}.normal"
+        if source is None or isinstance(source, tuple):
+            continue
+        if f"layer_{i}.slope_variance" in given:
+            raise MaterialError(
+                "found a normal map and a slope_variance; allowed with a footprint: one of them", where=name
+            )
+        strength = source.scale if isinstance(source, Texture) else 1.0
+        try:
+            slopes = Slopes.of(_texels(mi, source, name), strength).seen(footprint)
+        except UrushiError as error:
+            raise (
+                error if isinstance(error, MaterialError) else MaterialError(str(error), where=name)
+            ) from None
+        found[name] = _image(mi, 0.5 * slopes.normal() + 0.5)
+        if hasattr(layer, "slope_variance"):
+            found[f"layer_{i}.slope_variance"] = _image(mi, slopes.variance())
+    return found
+
+
+def _texels(mi: Any, source: Any, name: str) -> np.ndarray:
+    if isinstance(source, Texture):
+        bitmap = mi.Bitmap(str(source.path)).convert(
+            mi.Bitmap.PixelFormat.RGB, mi.Struct.Type.Float32, srgb_gamma=False
+        )
+        return np.array(bitmap)
+    data = dict(mi.traverse(source)).get("data")
+    if data is None:
+        raise MaterialError(f"found a {source.class_name()}; allowed with a footprint: an image", where=name)
+    array = np.array(data, dtype=np.float64)
+    whole = np.array(data).dtype
+    return array / np.iinfo(whole).max if np.issubdtype(whole, np.integer) else array
+
+
+def _image(mi: Any, values: np.ndarray) -> Any:
+    bitmap = mi.Bitmap(np.ascontiguousarray(values, np.float32))
+    return mi.load_dict({"type": "bitmap", "bitmap": bitmap, "raw": True})
 
 
 def _spectral_metals(mi: Any, stack: Stack) -> dict[str, Any]:
