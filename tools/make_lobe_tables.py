@@ -10,7 +10,6 @@ lobe already is the average of those over the directions of that lobe.
 from __future__ import annotations
 
 import sys
-from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -109,39 +108,6 @@ def spread_over(place: np.ndarray, weight: np.ndarray, count: int) -> np.ndarray
     return found.reshape(len(place), count)
 
 
-#: roughnesses of the mirrors that send light back and forth below an interface
-KERNELS = np.linspace(0, 1, 21) ** 2
-
-
-def spreading(cos: np.ndarray, along: Callable, eta: float, roughness: float) -> np.ndarray:
-    """(FINE, FINE): where, of the nodes, a lossless rough mirror sends the light of each node."""
-    o, weight = lobe(cos, roughness)
-    return spread_over(along(o, eta), weight, len(cos))
-
-
-def at_roughness(kernels: list[np.ndarray], alpha: float, width: float) -> np.ndarray:
-    """What a round trip below an interface of roughness `alpha` does, over a base that made a lobe of `width`."""
-    from urushi.solvers.lobes.width import OURS
-
-    alpha = min((alpha**OURS.power + width**OURS.power) ** (1 / OURS.power), 1)
-    x = np.sqrt(alpha) * (len(KERNELS) - 1)
-    i = min(int(x), len(KERNELS) - 2)
-    return np.asarray((1 - x + i) * kernels[i] + (x - i) * kernels[i + 1])
-
-
-def again(r: np.ndarray, t: np.ndarray, beam: np.ndarray, kernel: np.ndarray) -> np.ndarray:
-    """(N, 2): reflectance and transmittance, in the mean over all further round trips, of what was reflected once.
-
-    Such that t / (1 - r) is what gets out in the end, and 1 / (1 - r) how many times it comes by.
-    """
-    first = beam * r
-    first = np.where(first.sum(axis=1, keepdims=True) > 1e-9, first, beam)
-    state = (first / first.sum(axis=1, keepdims=True)) @ kernel
-    visits = np.linalg.solve(np.eye(len(r)) - (r[:, None] * kernel).T * (1 - 1e-6), state.T).T
-    number = visits.sum(axis=1)
-    return np.stack([1 - 1 / number, visits @ t / number], axis=1)
-
-
 def along(cos: np.ndarray, eta: float) -> np.ndarray:
     """u of cosines, as `axes.along_cosine`."""
     if eta >= 1:
@@ -163,14 +129,13 @@ def smooth(cos: np.ndarray, eta: float) -> np.ndarray:
     return np.stack([r, 1 - r, np.array(t), cos])
 
 
-def dielectric(kind: tuple[str, str]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """(2, INDICES, ROUGHNESSES, WIDTHS, COSINES, 4) for lobes, the same with 2 for those that come back (`again`), and
-    (2, INDICES, ROUGHNESSES, 2) for diffuse light."""
+def dielectric(kind: tuple[str, str]) -> tuple[np.ndarray, np.ndarray]:
+    """(2, INDICES, ROUGHNESSES, WIDTHS, COSINES, 4) for lobes, (2, INDICES, ROUGHNESSES, 2) for diffuse light."""
     from urushi.solvers.lobes import axes
 
     alphas, widths = axes.squares(axes.ROUGHNESSES), axes.squares(axes.WIDTHS)
     shape = (2, axes.INDICES, axes.ROUGHNESSES, axes.WIDTHS, axes.COSINES, 4)
-    table, back, diffuse = np.zeros(shape), np.zeros((*shape[:5], 2)), np.zeros((*shape[:3], 2))
+    table, diffuse = np.zeros(shape), np.zeros((*shape[:3], 2))
     for side in (0, 1):
         for k, ratio in enumerate(axes.ratios()):
             eta = float(ratio if side == 0 else 1 / ratio)
@@ -180,22 +145,18 @@ def dielectric(kind: tuple[str, str]) -> tuple[np.ndarray, np.ndarray, np.ndarra
             fine = np.concatenate([smooth(cos, eta)[None], fine])
             moments = [fine[:, 0], fine[:, 1], fine[:, 1] * fine[:, 2], fine[:, 0] * fine[:, 3]]
             values = np.stack(moments, axis=1).reshape(-1, FINE)
-            kernels = [spreading(cos, along, eta, roughness) for roughness in KERNELS]
             for b, width in enumerate(widths):
                 o, weight = lobe(axes.cosines(eta), width)
                 matrix = spread_over(along(o, eta), weight, FINE)
                 mean = (values @ matrix.T).reshape(-1, 4, axes.COSINES)
                 mean[:, 2], mean[:, 3] = over(mean[:, 2], mean[:, 1]), over(mean[:, 3], mean[:, 0])
                 table[side, k, :, b] = mean.swapaxes(1, 2)
-                for a, alpha in enumerate(alphas):
-                    kernel = at_roughness(kernels, alpha, width)
-                    back[side, k, a, b] = again(fine[a, 0], fine[a, 1], matrix, kernel)
             u, weight = np.polynomial.legendre.leggauss(64)
             u, weight = 0.5 * (u + 1), 0.5 * weight
             flux = mean_over(values, along(np.sqrt(u), eta)[None], weight[None])
             diffuse[side, k] = flux.reshape(-1, 4)[:, :2]
         print(kind, side, flush=True)
-    return table, back, diffuse
+    return table, diffuse
 
 
 def centres() -> dict[str, np.ndarray]:
@@ -358,6 +319,8 @@ def fixed_point(table: np.ndarray) -> np.ndarray:
 def main() -> None:
     """Compute and write every table."""
     ensure()
+    import lobe_round_trips
+    import lobe_sheets
     from urushi.solvers.lobes import tables
 
     OUT.mkdir(exist_ok=True)
@@ -365,13 +328,14 @@ def main() -> None:
     np.savez_compressed(OUT / "slabs.npz", **low)
     low = centres() | {"anisotropic": anisotropic()}
     np.savez_compressed(OUT / "lobes.npz", **{name: fixed_point(table) for name, table in low.items()})
+    np.savez_compressed(OUT / "round_trips.npz", round_trips=fixed_point(lobe_round_trips.tables()))
+    np.savez_compressed(OUT / "sheets.npz", sheets=fixed_point(lobe_sheets.tables()))
     for distribution in ("ggx", "beckmann"):
         for masking in ("correlated", "separable"):
             made = [*dielectric((distribution, masking)), *metal((distribution, masking))]
-            names = ("dielectric", "dielectric_again", "dielectric_diffuse", "metal", "metal_diffuse")
+            names = ("dielectric", "dielectric_diffuse", "metal", "metal_diffuse")
             low = {name: fixed_point(table) for name, table in zip(names, made, strict=True)}
             if (distribution, masking) != tables.COMMON:
-                del low["dielectric_again"]
                 low["dielectric"], low["metal"] = low["dielectric"][:, :, :, :1], low["metal"][:, :1]
             path = OUT / f"{distribution}_{masking}.npz"
             np.savez_compressed(path, **low)

@@ -16,6 +16,10 @@ from ...optics.vectors import Array, at_least, at_most, root
 
 #: nodes along index, roughness, width of the incident light, cosine
 INDICES, ROUGHNESSES, WIDTHS, COSINES = 15, 13, 9, 33
+#: nodes along the cosine at which light enters that comes back
+ENTRIES = 25
+#: nodes along index and cosine for sheets
+SHEETS, SHEET_COSINES = 11, 17
 #: nodes along the mean cosine of a lobe
 MEANS = 33
 #: nodes along the azimuth, in its squared sine
@@ -26,9 +30,9 @@ LARGEST, SMALLEST = 5.0, 1.004
 REACH = (LARGEST - 1) / (LARGEST + 1)
 
 
-def ratios() -> np.ndarray:
+def ratios(count: int = INDICES) -> np.ndarray:
     """Index ratios n > 1 of the nodes."""
-    q = np.maximum(np.linspace(0, REACH, INDICES), (SMALLEST - 1) / (SMALLEST + 1))
+    q = np.maximum(np.linspace(0, REACH, count), (SMALLEST - 1) / (SMALLEST + 1))
     return np.asarray((1 + q) / (1 - q))
 
 

@@ -9,7 +9,7 @@ all layers, with what gets out, that is all the light there was.
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import drjit as dr
 import numpy as np
@@ -21,12 +21,15 @@ from ..ledger import Ledger, alike, coloured, filed, owners
 from .flow import FLOWS, Flow, times
 from .medium import Particles
 from .recursion import respond
+from .returns import Step
 
 if TYPE_CHECKING:
     from .result import LobesBSDF
 
 #: (whether it is a medium, number of the interface or region)
 Place = tuple[bool, int]
+#: ((reflection, transmission), light that meets them), one or more
+Passes = tuple[tuple[tuple[Flow, Flow], Flow], ...]
 
 
 class Tally:
@@ -42,33 +45,35 @@ class Tally:
         self.shadowed: dict[int, Array] = {}
         self._above: list[Place] = []
 
-    def met(self, number: int, step: Any, down: Flow, *upward: tuple[list[Slab], Flow]) -> None:
+    def met(self, number: int, step: Step, passes: Passes, *upward: tuple[list[Slab], Flow]) -> None:
         """The next layer, an interface or the medium of a region.
 
         Args:
             number: of the interface or region.
-            step: the layer, with its reflection and transmission for the light on its way down.
-            down: that light.
+            step: the layer.
+            passes: its reflection and transmission, and the light on its way down that these are for.
             upward: layers above, the nearest first, and light that this layer sends up into them.
         """
         place = isinstance(step.layer, Particles), number
-        self._keep(place, energy(down) - energy(times(step.r, down)) - energy(times(step.t, down)))
+        for (r, t), down in passes:
+            self._keep(place, energy(down) - energy(times(r, down)) - energy(times(t, down)))
         for slabs, light in upward:
             if slabs:
                 self._share(slabs, light)
         self._above.append(place)
 
-    def based(self, number: int, r: Flow, down: Flow, unshadowed: tuple[Array, Array]) -> None:
+    def based(self, number: int, passes: Passes, unshadowed: tuple[Array, Array]) -> None:
         """The base: its facets absorb what they do not reflect, and of what they do, only a part gets out.
 
         Args:
             number: of the interface.
-            r: what it reflects.
-            down: the light on its way down.
+            passes: as for `met`.
             unshadowed: what facets that absorb nothing would reflect, of a beam and of diffuse light.
         """
         beam, even = (1 / at_least(value, 1e-9) - 1 for value in unshadowed)
-        self.shadowed[number] = r.beam * down.beam * beam + r.diffuse * down.scattered * even
+        self.shadowed[number] = sum(
+            r.beam * down.beam * beam + r.diffuse * down.scattered * even for (r, _), down in passes
+        )
 
     def _share(self, slabs: list[Slab], light: Flow) -> None:
         """What light that is sent up leaves in the layers above."""

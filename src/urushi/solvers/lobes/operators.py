@@ -112,11 +112,24 @@ class Boundary:
         """The width that crossing from the cosine `cos` to `beyond` adds."""
         return self.width(0.5 * dr.abs(1 - cos / (self.eta * at_least(beyond, GRAZING))))
 
-    def beam(self, cos: Array, width: Array | None, again: bool = False) -> tuple[Array, Array]:
-        """Reflectance and transmittance of a lobe of mean cosine `cos` and roughness `width` (None: one direction).
+    def round_trip(self, cos: Array, width: Array) -> tuple[tuple[Array, Array], tuple[Array, Array], Array]:
+        """(reflectance, transmittance) of light that entered here under the cosine `cos`, when it comes back from below
+        as a lobe of the roughness `width` for the first time; in the mean over all later times; and the mean cosine of
+        what is sent back down."""
+        r, t, later_r, later_t, down = tables.round_trip(cos, self.eta, self.alpha, width)
+        first, later = (r, t), (later_r, later_t)
+        return (tables.complete(*first), tables.complete(*later), down) if self.full else (first, later, down)
 
-        With `again`, of what comes back after it was reflected here.
-        """
+    def sheet(self, cos: Array, other: Boundary) -> list[tuple[Array, Array]]:
+        """(Reflectance, transmittance) in a sheet of glass that light enters here and that ends at the other interface:
+        of that for what arrives first, and for all that comes again; of this one for what that sends back, likewise."""
+        found = tables.sheet(cos, self.eta, self.alpha, other.alpha)
+        pairs = list(zip(found[::2], found[1::2], strict=True))
+        full = other.full, other.full, self.full, self.full
+        return [tables.complete(*pair) if whole else pair for pair, whole in zip(pairs, full, strict=True)]
+
+    def beam(self, cos: Array, width: Array | None) -> tuple[Array, Array]:
+        """Reflectance and transmittance of a lobe of mean cosine `cos` and roughness `width` (None: one direction)."""
         if isinstance(self.inner, Null):
             return 0.0, 1.0
         if isinstance(self.inner, BoundDiffuse):
@@ -131,7 +144,7 @@ class Boundary:
         if sharp:
             return fresnel, 1 - fresnel
         kind = self._kind()
-        r, t = tables.dielectric(kind, cos, self.eta, self.alpha, width, again)
+        r, t = tables.dielectric(kind, cos, self.eta, self.alpha, width)
         if self.full:
             r, t = tables.complete(r, t)
         if self.delta is not False and width is None:

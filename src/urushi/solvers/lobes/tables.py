@@ -7,15 +7,16 @@ what Belcour's separate table of total reflection is for.
 
     dielectric      side, index ratio, roughness, width, cosine -> reflectance, transmittance, mean cosines transmitted
                     and reflected
-    again           the first two of a lobe that was reflected once and sent back by a mirror as rough as made it (of
-    GGX,
-                    for all distributions)
-    diffuse         side, index ratio, roughness -> reflectance and transmittance of light that comes evenly from a
-    side metal           roughness, width, cosine -> weights w_j: the reflectance is sum w_j F(c_j), whatever
-    Fresnel's F is metal diffuse   likewise for even light escaping        index ratio, width, cosine -> how much of
-    a lobe in the denser medium is not totally reflected anisotropic     roughness along x, along y, cosine, squared
-    sine of the azimuth -> what perfect mirrors reflect centre          width, mean cosine -> centre of a lobe, as
-    all others take it; `mean` is the inverse
+    diffuse         side, index ratio, roughness -> reflectance and transmittance of light that comes evenly from a side
+    metal           roughness, width, cosine -> weights w_j: the reflectance is sum w_j F(c_j), whatever Fresnel's F is
+    metal diffuse   likewise for even light
+    round trips     side, index ratio, roughness, width, cosine -> what happens to light that entered through a
+                    dielectric under this cosine and is sent back by a mirror as rough as `width`, the first time and
+                    later (of GGX, for all distributions)
+    sheets          index, both roughnesses, cosine -> the same between two dielectrics (of GGX, likewise)
+    escaping        index ratio, width, cosine -> how much of a lobe in the denser medium is not totally reflected
+    anisotropic     roughness along x, along y, cosine, squared sine of the azimuth -> what perfect mirrors reflect
+    centre          width, mean cosine -> centre of a lobe, as all others take it; `mean` is the inverse
 
 Interpolation is off by at most 0.004 from the thinner side, and 0.012 from the denser one, near the critical angle
 (test_lobes_operators; GGX, alpha 0.07 to 0.6).
@@ -62,7 +63,7 @@ def _side(eta: Array) -> Array:
 
 
 def dielectric(
-    kind: tuple[str, str], cos: Array, eta: Array, alpha: Array, width: Array | None, again: bool = False
+    kind: tuple[str, str], cos: Array, eta: Array, alpha: Array, width: Array | None
 ) -> tuple[Array, Array]:
     """Reflectance and transmittance of a rough dielectric.
 
@@ -72,11 +73,45 @@ def dielectric(
         eta: index beyond over index before.
         alpha: roughness of the interface.
         width: roughness of the lobe that the light is; None for one direction.
-        again: mean of all visits but the first, by the light that the first has reflected.
     """
-    where = (COMMON, "dielectric_again") if again else (_of(kind, width), "dielectric")
-    r, t = _interface(where, cos, eta, alpha, width)
+    r, t = _interface((_of(kind, width), "dielectric"), cos, eta, alpha, width)
     return r, t
+
+
+def round_trip(cos: Array, eta: Array, alpha: Array, width: Array) -> list[Array]:
+    """What happens to light that entered through a rough dielectric, each time it comes back from below.
+
+    Args:
+        cos: cosine of incidence, before it entered.
+        eta: index below over index above.
+        alpha: roughness of the interface.
+        width: roughness of a mirror that would send the light back as wide as it is.
+
+    Returns:
+        reflectance and transmittance the first time, both in the mean over all later times, and the mean cosine of the
+        light on its way back down.
+    """
+    return _interface((("round_trips",), "round_trips"), cos, eta, alpha, width)
+
+
+def sheet(cos: Array, eta: Array, alpha: Array, other: Array) -> list[Array]:
+    """What goes back and forth in a sheet of rough glass.
+
+    Args:
+        cos: cosine of incidence, outside.
+        eta: index within over index around, above 1.
+        alpha, other: roughnesses of the interface that light enters through, and of the other.
+
+    Returns:
+        reflectance and transmittance of the other interface, the first time and in the mean over all later ones; the
+        same of the first interface, for what comes back to it.
+    """
+    places: list[Array | int] = [
+        axes.along_ratio(at_least(eta, 1.0) + 0 * cos),
+        *(axes.along_square(a + 0 * cos) for a in (alpha, other)),
+        dr.sqrt(at_most(at_least(cos, 1e-8), 1.0)),
+    ]
+    return _grid(("sheets",), "sheets")(places, cos)
 
 
 def mean_cosine(
@@ -108,7 +143,7 @@ def mean(cos: Array, width: Array) -> Array:
 
 
 def _interface(
-    where: tuple[tuple[str, str], str], cos: Array, eta: Array, alpha: Array, width: Array | None
+    where: tuple[tuple[str, ...], str], cos: Array, eta: Array, alpha: Array, width: Array | None
 ) -> list[Array]:
     """A table of rough dielectrics."""
     grid = _grid(*where)

@@ -1,0 +1,224 @@
+"""What comes back: how a layer and those above it, through which the light came, treat what goes back and forth.
+
+What has entered through a rough interface is no lobe near the critical angle: some of it is totally reflected, for
+ever but for what roughness lets out. So the first return and all later ones have their own numbers, from tables of
+light that entered through just such an interface (`tables.round_trip`, `tables.sheet`), not from those of lobes.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import drjit as dr
+
+from ...adding import Slab, add
+from ...interfaces import BoundDielectric, Null
+from ...optics.vectors import Array, at_least, channels, total
+from . import tables
+from .flow import ALL, FLOWS, NONE, Flow
+from .medium import Particles
+from .operators import GRAZING, Boundary
+from .width import OURS, Width, mean_roughness, plus
+
+#: (reflectance, transmittance)
+Pair = tuple[Array, Array]
+
+
+@dataclass
+class Step:
+    """A layer that the recursion goes through, an interface or the medium below one.
+
+    Attributes:
+        cos, width: mean cosine and width of the light above it; no width if that is one direction.
+        r, t: reflection and transmission of that light.
+    """
+
+    layer: Boundary | Particles
+    cos: Array
+    width: Width | None
+    r: Flow
+    t: Flow
+
+
+class Above(NamedTuple):
+    """Layers, for light that one below sends up to them.
+
+    Attributes:
+        whole: as one.
+        slabs: each, the nearest first.
+        nearest: how much of what they reflect, from below, the nearest interface reflects.
+        steep: mean cosine of what that sends back down; None if that is as it came.
+    """
+
+    whole: Slab
+    slabs: list[Slab]
+    nearest: Array
+    steep: Array | None
+
+
+class Meeting(NamedTuple):
+    """A layer and those above it.
+
+    Attributes:
+        first, later: (reflection, transmission) of the layer for the light that arrives, and in the mean over all later
+            times that it comes by.
+        above, above_later: the layers above for what the layer sends back, likewise.
+    """
+
+    first: tuple[Flow, Flow]
+    later: tuple[Flow, Flow]
+    above: Above
+    above_later: Above
+
+
+def meet(steps: list[Step], step: Step, returning: Array, width: Width | None, last: bool) -> Meeting:
+    """What an interface and the layers above it send to and fro.
+
+    Args:
+        steps: the layers above.
+        step: the interface.
+        returning: mean cosine of what it reflects.
+        width: of that; None if all is in one direction.
+        last: whether there is no other interface below.
+    """
+    boundary = step.layer
+    assert isinstance(boundary, Boundary)
+    first = later = step.r, step.t
+    nearest = _nearest(steps)
+    if width is None or nearest is None:
+        above = from_below(steps, returning, None if width is None else boundary.reflected)
+        return Meeting(first, later, above, above)
+    upper, entered = nearest
+    alpha = mean_roughness(width)
+    clear = isinstance(boundary.inner, BoundDielectric)
+    back: Pair | None = None
+    back_later: tuple[Pair, Array] | None = None
+    sheet: list[Pair] = []
+    share: Array = 0.0
+    if clear:  # it sends back no lobe of a mirror: much of it was reflected totally
+        back = upper.turned.beam(returning, alpha)
+        if last and all(s.layer is upper or isinstance(s.layer, Particles) for s in steps):
+            sheet, share = upper.sheet(entered, boundary), _like_a_sheet(upper, boundary)
+            first = _flows(step, _mixed(sheet[0], (step.r.beam, step.t.beam), share))
+            back, back_later = _mixed(sheet[2], back, share), (sheet[3], share)
+    above = from_below(steps, returning, boundary.reflected, None, back and (back, 1.0))
+    above_later = from_below(steps, returning, boundary.reflected, above.nearest, back_later)
+    assert above.steep is not None
+    pair = boundary.beam(above.steep, alpha)
+    if clear:
+        beyond = at_least(boundary.refracted(step.cos), GRAZING)
+        _, trapped, _ = boundary.turned.round_trip(beyond, mean_roughness(upper.reflected))
+        r, t = (dr.select(boundary.eta < 1, a, b) for a, b in zip(trapped, pair, strict=True))
+        pair = _mixed(sheet[1], (r, t), share) if sheet else (r, t)
+    return Meeting(first, _flows(step, pair), above, above_later)
+
+
+def from_below(
+    steps: list[Step],
+    cos: Array,
+    width: Width | None,
+    again: Array | None = None,
+    known: tuple[Pair, Array] | None = None,
+) -> Above:
+    """The layers gone through so far, for the light that went through them and is sent back.
+
+    Args:
+        cos: mean cosine of what is sent back.
+        width: what that has added to its width; None if all is in one direction.
+        again: None, or for light that was reflected already and now comes back: how much of it by the nearest
+            interface. What was reflected further up gets through the nearest as ever, and is reflected more up there.
+        known: of the nearest interface, what is known better than here, and the share that this has.
+    """
+    slabs: list[Slab] = []
+    first: Array | None = None
+    steep: Array | None = None
+    lower: tuple[int, Step] | None = None
+    whole_sent: Array = 0.0
+    passing: Array = 1.0
+    for step in reversed(steps):
+        if isinstance(step.layer, Particles):
+            # What gets out in the end is nearer to the middle of the lobe than all of it in the mean.
+            inside = cos if width is None else 0.5 * (cos + tables.mean(cos, mean_roughness(width)))
+            r, t = step.layer.layer(inside)
+            slabs.append(Slab(step.r, step.t, r, t))
+            passing = passing * _mean(t.beam)
+            if width is not None:
+                width = plus(width, 2 * step.layer.passed(cos)[1])
+            continue
+        boundary, turned = step.layer, step.layer.turned
+        if isinstance(boundary.inner, Null):
+            slabs.append(Slab(step.r, step.t, NONE, ALL))
+            continue
+        if width is None:
+            r, t = turned.beam(cos, None)
+        else:
+            below = at_least(boundary.refracted(step.cos), GRAZING)
+            factor = OURS.factor(boundary.eta * below / step.cos)
+            wide = mean_roughness(width if step.width is None else plus(step.width * (1 / factor), width))
+            (r, t), later, down = boundary.round_trip(step.cos, wide)
+            # What is totally reflected was the outside of the lobe: the rest is narrower, by medians of GGX.
+            kept = t / (r + t)
+            width = width * OURS.factor(dr.sqrt(kept / (2 - kept)))
+            width = plus(width, boundary.transmitted(step.cos, below)) * factor
+            width = plus(width, turned.transmitted(below, step.cos))
+            if again is not None:
+                r, t = _mixed(later, (r, t), again if first is None else 1.0)
+            if first is None and known is not None:
+                r, t = _mixed(known[0], (r, t), known[1])
+            if lower is not None:
+                k, under = lower
+                slabs[k] = _steeper(slabs[k], under, down, wide)
+            lower, steep = (len(slabs), step), down if steep is None else steep
+        sent = passing * passing * r
+        first = sent if first is None else first
+        whole_sent, passing = whole_sent + sent, passing * t
+        even_r, even_t = turned.even(cos)
+        slabs.append(Slab(step.r, step.t, Flow(r, 0.0, even_r), Flow(t, 0.0, even_t)))
+        cos = at_least(turned.refracted(cos), GRAZING)
+    whole = Slab(NONE, ALL, NONE, ALL)
+    for n, slab in enumerate(reversed(slabs)):
+        whole = add(whole, slab, FLOWS) if n else slab
+    nearest = 1.0 if first is None else first / at_least(whole_sent + 0 * cos, 1e-12)
+    return Above(whole, slabs, nearest, steep)
+
+
+def _steeper(slab: Slab, step: Step, cos: Array, alpha: Array) -> Slab:
+    """An interface between others, for what one above sends down to it, under the mean cosine `cos`.
+
+    What came up from a thinner side goes down there as it came.
+    """
+    assert isinstance(step.layer, Boundary)
+    pair, denser = step.layer.beam(cos, alpha), step.layer.eta >= 1
+    r, t = (dr.select(denser, a, b) for a, b in zip(pair, (step.r.beam, step.t.beam), strict=True))
+    r_top, t_down = _flows(step, (r, t))
+    return slab._replace(r_top=r_top, t_down=t_down)
+
+
+def _nearest(steps: list[Step]) -> tuple[Boundary, Array] | None:
+    """The nearest interface above that does anything, and the cosine under which light entered through it."""
+    for step in reversed(steps):
+        if isinstance(step.layer, Boundary) and not isinstance(step.layer.inner, Null):
+            return step.layer, step.cos
+    return None
+
+
+def _like_a_sheet(upper: Boundary, lower: Boundary) -> Array:
+    """1 where the same index is above the one and below the other, and that between them is higher; else less, or 0."""
+    same = at_least(1 - 10 * dr.abs(upper.eta * lower.eta - 1), 0)
+    return dr.select(upper.eta > 1, same, 0)
+
+
+def _flows(step: Step, pair: Pair) -> tuple[Flow, Flow]:
+    """With another reflectance and transmittance of a beam."""
+    return step.r._replace(beam=pair[0]), step.t._replace(beam=pair[1])
+
+
+def _mixed(known: Pair, other: Pair, share: Array) -> Pair:
+    """A share of the first, the rest of the second."""
+    r, t = (b + share * (a - b) for a, b in zip(known, other, strict=True))
+    return r, t
+
+
+def _mean(value: Array) -> Array:
+    return total(value) * (1 / max(channels(value), 1))
