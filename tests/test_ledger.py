@@ -256,6 +256,16 @@ def test_parameters_of_every_evaluation(method: str) -> None:
     assert (np.diff(found.absorbed[1, :, 0]) > 0.05).all()
 
 
+def test_a_base_that_is_black_in_one_colour() -> None:
+    """Its matrices are 0, which no factor can change: the other colours must not suffer."""
+    base = ur.Diffuse(reflectance=(0.0, 0.5, 1.0))
+    found = ur.solve(ur.Stack(layers=[COAT, base]), "adding", accuracy=1e-2).absorption(WI)
+    sent = 1 - fresnel(WI[:, 2], 1.5)
+    assert (
+        np.abs(found.absorbed[1, :, 0] - sent).max() < 1e-2 and np.abs(found.absorbed[1, :, 2]).max() < 1e-9
+    )
+
+
 def test_media_at_the_ends_and_one_on_another() -> None:
     """Index-matched boundaries belong to no layer."""
     media = [ur.Medium(depth=depth, albedo=0.5) for depth in (0.3, 0.4, 0.5)]

@@ -62,9 +62,12 @@ def scales(matrix: np.ndarray, sums: np.ndarray) -> np.ndarray:
         missing = sums - received * d
         if np.abs(missing).max() < 1e-13:
             break
-        slope = np.swapaxes(matrix, 1, 2) * d[:, :, None]
-        slope[:, n, n] += received
-        d = d + np.linalg.solve(slope, missing[..., None])[..., 0]
+        left = (
+            np.abs(missing).max(axis=1) >= 1e-13
+        )  # a channel that is black needs nothing, and has no inverse
+        slope = np.swapaxes(matrix[left], 1, 2) * d[left, :, None]
+        slope[:, n, n] += received[left]
+        d[left] += np.linalg.solve(slope, missing[left][..., None])[..., 0]
     if not (np.abs(missing).max() < 1e-9 and d.min() > 0.5 and d.max() < 2):
         short = np.abs(sums - matrix.sum(1)).max()
         raise UrushiError(
