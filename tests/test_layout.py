@@ -22,6 +22,7 @@ ROOT = PACKAGE.parent.parent
 # above the adapters since one of them is rendered.
 LEVELS = [
     {"cli"},
+    {"comparison"},
     {"plot"},
     {"adapters", "checks"},
     {"solvers"},

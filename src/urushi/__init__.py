@@ -37,6 +37,7 @@ _llvm.prepare()  # Dr.Jit takes the first LLVM it finds when it is imported, whi
 
 if TYPE_CHECKING:
     from urushi import plot as plot
+    from urushi.comparison import compare
     from urushi.solvers import add, solve
 
 __version__ = "0.1.0"
@@ -44,8 +45,8 @@ __version__ = "0.1.0"
 # fmt: off
 __all__ = [
     "Conductor", "Dielectric", "Diffuse", "HenyeyGreenstein", "Isotropic", "MaterialError", "Medium", "Rayleigh",
-    "Stack", "Tabulated", "Texture", "UnsupportedStack", "UrushiError", "add", "load", "presets", "save", "schema",
-    "solve",
+    "Stack", "Tabulated", "Texture", "UnsupportedStack", "UrushiError", "add", "compare", "load", "presets", "save",
+    "schema", "solve",
 ]
 # fmt: on
 
@@ -56,10 +57,14 @@ def __getattr__(name: str) -> Any:
         from urushi import solvers
 
         return getattr(solvers, name)
+    if name == "compare":
+        from urushi import comparison
+
+        return comparison.compare
     if name == "plot":  # needs matplotlib, which is an extra
         return importlib.import_module("urushi.plot")
     raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
 
 
 def __dir__() -> list[str]:
-    return sorted([*globals(), "add", "plot", "solve"])
+    return sorted([*globals(), "add", "compare", "plot", "solve"])

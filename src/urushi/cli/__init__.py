@@ -10,7 +10,7 @@ import sys
 
 import typer
 
-from urushi.cli import bake, check, common, info, plot, presets, render, schema
+from urushi.cli import bake, check, common, compare, info, plot, presets, render, schema
 from urushi.errors import UrushiError
 
 INTERRUPTED = 130
@@ -26,7 +26,7 @@ app = typer.Typer(
     context_settings={"help_option_names": ["-h", "--help"]},
 )
 
-for module in (render, plot, bake, check, presets, schema, info):
+for module in (render, plot, compare, check, bake, presets, schema, info):
     app.command(name=module.__name__.rpartition(".")[2])(module.command)
 
 
