@@ -23,6 +23,7 @@ from urushi.solvers.adding.columns import Side, columns
 from urushi.solvers.adding.interfaces import RoughLayer
 from urushi.solvers.adding.operator import OPERATORS, Operator
 from urushi.solvers.adding.resolution import narrowest, panel_counts
+from urushi.solvers.arrays import padded
 from urushi.solvers.bound import BoundStack, bind
 from urushi.solvers.numbers import gather_numbers
 
@@ -334,3 +335,12 @@ def test_moments_of_columns(node: int) -> None:
     for m, power in enumerate((0, 1, 2, 1, 2, 1)):
         exact = (1.5 * np.sqrt(1 - mu**2)) ** power @ flux @ np.cos(m * phi)
         assert grid.s**power @ found[0, m, :, node] == pytest.approx(exact, abs=2e-5), m
+
+
+@pytest.mark.parametrize("kind", [np.float64, np.uint32])
+def test_arrays_may_be_read_beyond_their_end(kind: Any) -> None:
+    """Dr.Jit reads whole packets of numpy's own memory, of 16 numbers and more: they have to be there."""
+    given = np.arange(21).reshape(3, 7)
+    found = padded(given, kind)
+    assert found.dtype == kind and np.array_equal(found, given.ravel())
+    assert found.base is not None and found.base.nbytes >= found.nbytes + 16 * found.itemsize

@@ -15,6 +15,8 @@ from ..optics.vectors import channels
 
 #: lanes of one launch: bounds the memory that a large batch takes
 LANES = 1 << 20
+#: numbers that LLVM code reads at a time, at most
+PACKET = 64
 
 
 def backend_module(name: str) -> Any:
@@ -40,6 +42,18 @@ def number_type(module: Any, double: bool) -> Any:
 def vector_type(module: Any, double: bool) -> Any:
     """The type of a direction, or of a colour, in a Dr.Jit module."""
     return module.Array3f64 if double else module.Array3f
+
+
+def padded(values: np.ndarray, kind: Any = np.float64) -> np.ndarray:
+    """A flat copy that may be read a little beyond its end.
+
+    Dr.Jit's LLVM backend uses the memory of a numpy array of its own type where it lies, and reads whole packets of it:
+    where the next page belongs to nobody, that ends the process. A packet has at most `PACKET` numbers.
+    """
+    count = np.size(values)
+    buffer = np.zeros(count + PACKET, kind)
+    buffer[:count] = np.ravel(values)
+    return buffer[:count]
 
 
 def fill(results: list[np.ndarray], parts: list[np.ndarray], rows: int, start: int) -> None:

@@ -17,6 +17,8 @@ from urushi.errors import MaterialError, UnsupportedStack
 from urushi.optics.ior import conductor_rgb
 from urushi.stack import Stack, Texture
 
+from .arrays import padded
+
 #: parameters of three numbers that are no colours, and what they are where nothing is said
 VECTORS = {"normal": (0.0, 0.0, 1.0), "slope_variance": (0.0, 0.0, 0.0)}
 
@@ -202,10 +204,8 @@ def _lanes(stack: Stack, name: str, value: Any, module: Any, double: bool) -> tu
         plain = float(array) if array.ndim == 0 else tuple(float(v) for v in array)
         return _constant(name, plain, module, double), 1, array.ndim == 1
     if not vector and (array.ndim == 1 or (array.ndim == 2 and array.shape[1] == 1)):
-        return number(array.ravel().tolist() if number is float else array.ravel()), array.shape[0], False
-    columns = (
-        [number(np.ascontiguousarray(array[:, i])) for i in range(array.shape[1])] if array.ndim == 2 else []
-    )
+        return number(array.ravel().tolist() if number is float else padded(array)), array.shape[0], False
+    columns = [number(padded(array[:, i])) for i in range(array.shape[1])] if array.ndim == 2 else []
     if len(columns) == 3 and allows_colour:
         return colour(*columns), array.shape[0], True
     if len(columns) == 2 and pair:

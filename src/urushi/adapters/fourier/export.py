@@ -17,6 +17,7 @@ from urushi.solvers.adding.core import Closed
 from urushi.solvers.adding.refine import AZIMUTHS, COSINES, OFFSETS
 from urushi.solvers.adding.result import AddingBSDF
 from urushi.solvers.adding.solution import Part, Solution
+from urushi.solvers.arrays import padded
 
 from .build import fourier_table
 from .table import FourierTable
@@ -175,10 +176,11 @@ def _closed(closed: Closed, part: Part, mu: np.ndarray, colours: int, tolerance:
         _check_room(colours * count * len(mu) ** 2)
         phi = np.pi * (np.arange(count) + 0.5) / count
         o, i, p = (x.ravel() for x in np.meshgrid(np.arange(len(mu)), np.arange(len(mu)), phi, indexing="ij"))
-        zero = Float64(np.zeros(len(p)))
-        wi = Array3f64(Float64(-sin[i]), zero, Float64(mu[i] if part.from_above else -mu[i]))
+        zero = Float64(padded(0 * p))
+        wi = Array3f64(Float64(padded(-sin[i])), zero, Float64(padded(mu[i] if part.from_above else -mu[i])))
         up = mu[o] if part.to_above else -mu[o]
-        wo = Array3f64(Float64(sin[o] * np.cos(p)), Float64(sin[o] * np.sin(p)), Float64(up))
+        across = Float64(padded(sin[o] * np.cos(p))), Float64(padded(sin[o] * np.sin(p)))
+        wo = Array3f64(*across, Float64(padded(up)))
         value = np.atleast_2d(np.array(closed.eval(wi, wo) + zero))
         value = value.reshape(-1, len(mu), len(mu), count)
         series = dct(value, type=2, axis=-1) / count

@@ -17,8 +17,8 @@ from .layers import Layer, MediumLayer, SmoothLayer, numbers
 from .phase import PHASES, Phase
 from .resolution import panel_counts
 
-#: fewest nodes in a panel for a medium, and most to begin with
-FEWEST, MOST = 12, 160
+#: nodes in a panel for a medium of g = 0.5, fewest, and most to begin with
+HALF, FEWEST, MOST = 15, 10, 160
 
 
 def bind_numbers(stack: Stack) -> tuple[BoundStack, int]:
@@ -48,7 +48,7 @@ def counts(stack: BoundStack, phases: list[Phase], accuracy: float) -> list[int]
     found = np.array(panel_counts(alphas, indices(stack), stack.opaque, accuracy), float)
     for phase in phases:
         mean = abs(float(phase.moments(2)[1]))
-        found = np.maximum(found, FEWEST + 1.2 / max(1 - mean, 0.03))
+        found = np.maximum(found, max(HALF * (0.5 / max(1 - mean, 0.03)) ** 0.75, FEWEST))
     return [int(np.ceil(min(n, MOST))) for n in found]
 
 

@@ -24,6 +24,7 @@ import numpy as np
 
 from ...interfaces import Interface
 from ...optics.random import generator
+from ..arrays import padded
 from .angles import Fan, Ring, fan, gauss, lagrange, ring
 from .basis import Grid
 
@@ -271,12 +272,10 @@ class Pairs:
         """(C, L) flux densities of pairs (L,) at azimuths (L,)."""
         from drjit.llvm.ad import Array3f64, Float64, UInt32
 
-        which = UInt32(pair.astype(np.uint32))
+        which = UInt32(padded(pair, np.uint32))
         given = (self.sin_i, self.cos_i, self.sin_o, self.cos_o)
-        sin_i, cos_i, sin_o, cos_o = (
-            dr.gather(Float64, Float64(np.ascontiguousarray(v)), which) for v in given
-        )
-        sin, cos = dr.sincos(Float64(np.ascontiguousarray(phi)))
+        sin_i, cos_i, sin_o, cos_o = (dr.gather(Float64, Float64(padded(v)), which) for v in given)
+        sin, cos = dr.sincos(Float64(padded(phi)))
         w = Array3f64(-sin_i, 0.0, cos_i)
         o = Array3f64(sin_o * cos, sin_o * sin, cos_o if side.reflects else -cos_o)
         through = not side.reflects

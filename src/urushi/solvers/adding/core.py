@@ -10,7 +10,7 @@ import drjit as dr
 import numpy as np
 
 from ...optics.vectors import Array, Vector, at_least, channels
-from ..arrays import number_type
+from ..arrays import number_type, padded
 from ..bound import BoundStack
 from ..direct import direct, direct_is_certain
 from ..facet_lobe import Lobe
@@ -114,8 +114,9 @@ class Closed:
         from drjit.llvm.ad import Array3f64
 
         sin_i, sin_o = (np.sqrt((1 - mu) * (1 + mu)) for mu in (mu_i, mu_o))
-        wi = Array3f64(-sin_i, 0 * sin_i, mu_i if from_above else -mu_i)
-        wo = Array3f64(sin_o * np.cos(phi), sin_o * np.sin(phi), mu_o if to_above else -mu_o)
+        sides = mu_i if from_above else -mu_i, mu_o if to_above else -mu_o
+        wi = Array3f64(padded(-sin_i), padded(0 * sin_i), padded(sides[0]))
+        wo = Array3f64(padded(sin_o * np.cos(phi)), padded(sin_o * np.sin(phi)), padded(sides[1]))
         value: Array = 0 * wi.x
         if self.once is not None:
             value = value + self.once.eval(wi, wo)

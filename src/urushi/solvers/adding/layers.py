@@ -50,6 +50,14 @@ class SmoothLayer:
     def first(self, orders: range) -> int:
         return 0
 
+    @property
+    def absent(self) -> bool:
+        """Whether it changes nothing at all, as where both sides have the same index."""
+        r_top, t_down, r_bottom, t_up = (operator.delta for operator in self._slab)
+        return not any(r is None or r.any() for r in (r_top, r_bottom)) and all(
+            t is not None and np.all(t == 1) for t in (t_down, t_up)
+        )
+
     def slab(self, orders: range, first: int) -> Slab:
         return Slab(*(_cut(operator, first) for operator in self._slab))
 
@@ -70,6 +78,7 @@ class MediumLayer:
         depth, albedo = numbers(medium.depth), numbers(medium.albedo)
         self.depth, self.albedo = self.truncated.scale(depth, albedo)
         scatters = medium.scatters and bool(self.albedo.any() and self.depth.any())
+        self._last: tuple[range, int, media.Scattering] | None = None
         self.orders = len(self.truncated.moments) if scatters else 0
         self.error = self._scattering(range(1), 0).correction if scatters else 0.0
         self.cut = self.truncated.forward + self.truncated.backward
@@ -78,10 +87,13 @@ class MediumLayer:
         return 0
 
     def _scattering(self, orders: range, first: int) -> media.Scattering:
-        cut = self.truncated
-        return media.Scattering.build(
-            self.mu[first:], self.weights[first:], cut.moments, orders, cut.backward
-        )
+        if self._last is None or self._last[:2] != (orders, first):
+            cut = self.truncated
+            found = media.Scattering.build(
+                self.mu[first:], self.weights[first:], cut.moments, orders, cut.backward
+            )
+            self._last = orders, first, found
+        return self._last[2]
 
     def slab(self, orders: range, first: int) -> Slab:
         if orders.start < self.orders:

@@ -19,7 +19,7 @@ from urushi.stack import Stack
 from ...adding import Slab, within
 from ...interfaces import Interface
 from ...optics.random import generator
-from ..arrays import mapped
+from ..arrays import mapped, padded
 from ..bound import BoundStack
 from ..ledger import Ledger, coloured, filed, owners
 from ..smooth import cosines, layers
@@ -184,8 +184,8 @@ def _taken(stack: BoundStack, grid: Grid) -> np.ndarray | None:
     mu = grid.mu[len(stack.interfaces) - 1]
     x, weight = np.polynomial.legendre.leggauss(POINTS)
     x, weight = 0.5 * (x + 1), 0.5 * weight
-    cos, u1, u2 = (np.ascontiguousarray(a.ravel()) for a in np.meshgrid(mu, x, x, indexing="ij"))
-    w = Array3f64(np.sqrt((1 - cos) * (1 + cos)), 0, cos)
+    cos, u1, u2 = (padded(a) for a in np.meshgrid(mu, x, x, indexing="ij"))
+    w = Array3f64(padded(np.sqrt((1 - cos) * (1 + cos))), 0, cos)
     rng = generator(w, [*w, Float64(u1), Float64(u2)], 0, UInt(0))
     event = base.sample(w, (Float64(0.5), Float64(u1), Float64(u2)), True, rng=rng)
     taken = base.absorbs(w, event)

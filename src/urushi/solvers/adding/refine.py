@@ -15,9 +15,11 @@ from typing import Any
 import numpy as np
 
 from ...errors import UrushiError
-from .basis import Stencil
+from .basis import Grid
 from .solution import Part, Solution
 
+#: (from above, to above)
+Side = tuple[bool, bool]
 #: cosines of incidence that are compared; `OFFSETS` from the mirror direction in polar angle, `AZIMUTHS` in azimuth
 COSINES = np.array([1.0, 0.96, 0.83, 0.68, 0.52, 0.37, 0.23, 0.11])
 OFFSETS = np.radians([0, 0.7, -1.1, 2.3, -3.1, 5.7, -7.9, 13.0, -17.0, 31.0, -41.0, 57.0])
@@ -34,7 +36,7 @@ def refine(
     accuracy: float,
     more: bool = True,
     progress: Callable[[int, float], Any] | None = None,
-    heights: Mapping[tuple[bool, bool], np.ndarray] | None = None,
+    heights: Mapping[Side, np.ndarray] | None = None,
 ) -> Solution:
     """Solve with more and more nodes until nothing changes any more.
 
@@ -56,12 +58,13 @@ def refine(
     start = time.perf_counter()
     if more:
         counts = _fewer(counts)
-    coarse = solve(_fewer(counts))
+    coarse = Seen(solve(_fewer(counts)))
     history: list[tuple[int, float]] = []
     before: float | None = None
     while True:
         fine = solve(counts)
-        change = difference(coarse, fine, heights)
+        seen = Seen(fine)
+        change = difference(coarse, seen, heights)
         error = change * _left(change, before)
         history.append((len(fine.grid.s), error))
         if progress is not None:
@@ -75,7 +78,7 @@ def refine(
                 f"accuracy: found {accuracy:g}, but {len(fine.grid.s)} nodes still leave an error of {error:.2g}; "
                 "allowed: a larger one, or fixed nodes=..."
             )
-        coarse, before = fine, change
+        coarse, before = seen, change
 
 
 def _fewer(counts: list[int]) -> list[int]:
@@ -91,72 +94,103 @@ def _left(change: float, before: float | None) -> float:
 
 
 def difference(
-    one: Solution, other: Solution, heights: Mapping[tuple[bool, bool], np.ndarray] | None = None
+    one: Solution | Seen, other: Solution | Seen, heights: Mapping[Side, np.ndarray] | None = None
 ) -> float:
     """The largest difference of two solutions of the same stack (see `refine`).
 
     Args:
-        one, other: the solutions.
+        one, other: the solutions, or what was `Seen` of them.
         heights: by (from above, to above), f of what has a closed form, the largest that is known at each of `COSINES`:
             (I,). The solutions hold no more of it than they need.
     """
+    one, other = (Seen(s) if isinstance(s, Solution) else s for s in (one, other))
     worst = 0.0
-    for side in other.parts:
-        a, b = one.parts[side], other.parts[side]
-        worst = max(worst, float(np.abs(albedo(one, a, COSINES) - albedo(other, b, COSINES)).max()))
-        peak = peaks(other, b)
-        if heights is not None:
-            peak = np.maximum(peak, heights[side])
-        change = np.abs(values(one, a) - values(other, b)).max(axis=(0, 2, 3))
+    for side in other.albedo:
+        worst = max(worst, float(np.abs(one.albedo[side] - other.albedo[side]).max()))
+        peak = np.maximum(other.peak[side], 0 if heights is None else heights[side])
+        change = np.abs(one.values[side] - other.values[side]).max(axis=(0, 2, 3))
         worst = max(worst, float((change / np.maximum(peak, 1e-12)).max()))
     return worst
 
 
-def albedo(solution: Solution, part: Part, mu: np.ndarray) -> np.ndarray:
-    """(C, N) reflectance or transmittance of a part at cosines of incidence (N,), delta parts included."""
-    region = 0 if part.from_above else -1
-    total = np.zeros((solution.colours, len(solution.grid.mu[region])))
-    if part.delta is not None:
-        total[:, : part.delta.shape[1]] += part.delta
-    for block in part.whole():
-        if block.orders.start == 0:
-            total[:, block.first :] += block.values[:, 0].sum(axis=1)
-    stencil = solution.grid.stencil(_positive(solution, region), mu)
-    return np.einsum("cnk,nk->cn", total[:, stencil.node], stencil.even)
+class Seen:
+    """What is compared of a solution, by (from above, to above).
 
-
-def values(solution: Solution, part: Part) -> np.ndarray:
-    """(C, I, O, A) BSDF f (without cosine and squared index) of the blocks, closed forms left out.
-
-    At I cosines of incidence, `COSINES`, each with O cosines of exit (`exits`), and at A `AZIMUTHS`.
+    Attributes:
+        albedo: (C, I) reflectance or transmittance at `COSINES`, delta parts included.
+        values: (C, I, O, A) BSDF f (without squared index) of the blocks, closed forms left out, there and at O cosines
+            of exit (`exits`) and A `AZIMUTHS`.
+        peak: (I,) the largest f among the nodes, at azimuths 0 and 180 degrees, closed forms included.
     """
-    grid = solution.grid
-    region_i, region_o = (
-        _positive(solution, 0 if above else -1) for above in (part.from_above, part.to_above)
-    )
-    mu_o = exits(grid.indices, (part.from_above, part.to_above))
-    into, out = (
-        _dense(grid.stencil(r, mu), grid.count(r))
-        for r, mu in ((region_i, COSINES), (region_o, mu_o.ravel()))
-    )
-    own_i, own_o = grid.mu[region_i], grid.mu[region_o]
-    scale = (own_o[:, None] + own_i) / (own_o * grid.weights[region_o])[:, None] / (2 * np.pi)
-    found = np.zeros((solution.colours, *mu_o.shape, len(AZIMUTHS)))
-    for block in part.blocks:
-        orders = np.array(block.orders)
-        waves = np.cos(orders[:, None] * AZIMUTHS) * np.where(orders > 0, 2, 1)[:, None]
-        q = block.values * scale[block.first :, block.first :]
-        for odd in (0, 1):
-            these = slice((block.orders.start + odd) % 2, None, 2)
-            column = q[:, these] @ into[odd][:, block.first :].T  # (C, M, n_out, I)
-            rows = out[odd][:, block.first :].reshape(*mu_o.shape, -1)
-            at = rows @ column.transpose(3, 2, 0, 1).reshape(len(COSINES), rows.shape[-1], -1)
-            series = at.reshape(*mu_o.shape, solution.colours, -1) @ waves[these]
-            found += series.transpose(2, 0, 1, 3)
-    return found / (mu_o + COSINES[:, None])[..., None]
+
+    def __init__(self, solution: Solution) -> None:
+        self._weights: dict[tuple[int, bytes], np.ndarray] = {}
+        parts = solution.parts
+        self.albedo = {side: self._albedo(solution, part) for side, part in parts.items()}
+        self.values = {side: self._values(solution, part) for side, part in parts.items()}
+        self.peak = {side: self._peak(solution, part) for side, part in parts.items()}
+
+    def _stencil(self, grid: Grid, region: int, mu: np.ndarray) -> np.ndarray:
+        """(2, N, n) weights of all nodes of a region, for even and for odd orders."""
+        key = grid.indices.index(grid.indices[region]), mu.tobytes()
+        if key not in self._weights:
+            stencil = grid.stencil(region % len(grid.indices), mu)
+            found = np.zeros((2, len(mu), grid.count(region)))
+            row = np.arange(len(mu))[:, None]
+            for weights, of_parity in zip(found, (stencil.even, stencil.odd), strict=True):
+                np.add.at(weights, (row, stencil.node), of_parity)
+            self._weights[key] = found
+        return self._weights[key]
+
+    def _albedo(self, solution: Solution, part: Part) -> np.ndarray:
+        region = 0 if part.from_above else -1
+        total = np.zeros((solution.colours, len(solution.grid.mu[region])))
+        if part.delta is not None:
+            total[:, : part.delta.shape[1]] += part.delta
+        for block in part.whole():
+            if block.orders.start == 0:
+                total[:, block.first :] += block.values[:, 0].sum(axis=1)
+        found: np.ndarray = total @ self._stencil(solution.grid, region, COSINES)[0].T
+        return found
+
+    def _values(self, solution: Solution, part: Part) -> np.ndarray:
+        grid, region_i, region_o = _ends(solution, part)
+        mu_o = exits(grid.indices, (part.from_above, part.to_above))
+        into = self._stencil(grid, region_i, COSINES)
+        out = self._stencil(grid, region_o, mu_o.ravel())
+        own_i, own_o = grid.mu[region_i], grid.mu[region_o]
+        scale = (own_o[:, None] + own_i) / (own_o * grid.weights[region_o])[:, None] / (2 * np.pi)
+        found = np.zeros((solution.colours, *mu_o.shape, len(AZIMUTHS)))
+        for block in part.blocks:
+            orders = np.array(block.orders)
+            waves = np.cos(orders[:, None] * AZIMUTHS) * np.where(orders > 0, 2, 1)[:, None]
+            q = block.values * scale[block.first :, block.first :]
+            for odd in (0, 1):
+                these = slice((block.orders.start + odd) % 2, None, 2)
+                column = q[:, these] @ into[odd][:, block.first :].T  # (C, M, n_out, I)
+                rows = out[odd][:, block.first :].reshape(*mu_o.shape, -1)
+                at = rows @ column.transpose(3, 2, 0, 1).reshape(len(COSINES), rows.shape[-1], -1)
+                series = at.reshape(*mu_o.shape, solution.colours, -1) @ waves[these]
+                found += series.transpose(2, 0, 1, 3)
+        found /= (mu_o + COSINES[:, None])[..., None]
+        return found
+
+    def _peak(self, solution: Solution, part: Part) -> np.ndarray:
+        grid, region_i, region_o = _ends(solution, part)
+        mu_o, weight = grid.mu[region_o], grid.weights[region_o]
+        nearest = np.abs(grid.mu[region_i][:, None] - COSINES).argmin(axis=0)
+        total = np.zeros((2, solution.colours, len(mu_o), len(COSINES)))
+        for block in part.whole():
+            orders = np.array(block.orders)
+            both = np.stack([np.where(orders > 0, 2, 1), np.where(orders > 0, 2, 1) * (-1.0) ** orders])
+            lit = nearest >= block.first
+            some = block.values[..., np.maximum(nearest - block.first, 0)]
+            flat = some.transpose(1, 0, 2, 3).reshape(len(orders), -1)
+            total[:, :, block.first :] += (both @ flat).reshape(2, -1, *some.shape[2:]) * lit
+        return np.asarray((total / (2 * np.pi * mu_o * weight)[:, None]).max(axis=(0, 1, 2)))
 
 
-def exits(indices: Sequence[float], side: tuple[bool, bool]) -> np.ndarray:
+def exits(indices: Sequence[float], side: Side) -> np.ndarray:
     """(I, O) for each of `COSINES` the cosines of exit to look at, by the indices of all regions and by the side."""
     n_i, n_o = (indices[0 if above else -1] for above in side)
     mirror = np.arcsin(np.minimum(np.sqrt(1 - COSINES**2) * n_i / n_o, 1))
@@ -164,33 +198,6 @@ def exits(indices: Sequence[float], side: tuple[bool, bool]) -> np.ndarray:
     return np.cos(np.where(theta > np.radians(86), np.radians(86) - OFFSETS**2, theta))
 
 
-def peaks(solution: Solution, part: Part) -> np.ndarray:
-    """(I,) the largest f at each of `COSINES` among the nodes, at azimuths 0 and 180 degrees, closed forms included."""
-    grid = solution.grid
-    region_i, region_o = (
-        _positive(solution, 0 if above else -1) for above in (part.from_above, part.to_above)
-    )
-    mu_o, weight = grid.mu[region_o], grid.weights[region_o]
-    total = np.zeros((2, len(mu_o), len(grid.mu[region_i])))
-    for block in part.whole():
-        orders = np.array(block.orders)
-        both = np.stack([np.where(orders > 0, 2, 1), np.where(orders > 0, 2, 1) * (-1.0) ** orders])
-        total[:, block.first :, block.first :] += np.einsum(
-            "sm,cmoi->csoi", both, block.values, optimize=True
-        ).max(axis=0)
-    highest = (total / (2 * np.pi * mu_o * weight)[:, None]).max(axis=(0, 1))
-    nearest = np.abs(grid.mu[region_i][:, None] - COSINES).argmin(axis=0)
-    return np.asarray(highest[nearest])
-
-
-def _positive(solution: Solution, region: int) -> int:
-    return region % len(solution.grid.indices)
-
-
-def _dense(stencil: Stencil, count: int) -> tuple[np.ndarray, np.ndarray]:
-    """(N, count) weights of all nodes, for even and for odd orders."""
-    found = np.zeros((2, len(stencil.node), count))
-    row = np.arange(len(stencil.node))[:, None]
-    for weights, of_parity in zip(found, (stencil.even, stencil.odd), strict=True):
-        np.add.at(weights, (row, stencil.node), of_parity)
-    return found[0], found[1]
+def _ends(solution: Solution, part: Part) -> tuple[Grid, int, int]:
+    """The nodes, and the regions that light of a part comes from and goes to."""
+    return solution.grid, 0 if part.from_above else -1, 0 if part.to_above else -1

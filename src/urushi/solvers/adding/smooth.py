@@ -6,6 +6,7 @@ import numpy as np
 
 from ...adding import Slab
 from ...interfaces import Interface
+from ..arrays import padded
 from .basis import Grid
 from .operator import Operator, zero
 
@@ -49,7 +50,7 @@ def _energy(interface: Interface, mu: np.ndarray, above: bool) -> tuple[np.ndarr
     from drjit.llvm.ad import Float64
 
     found = []
-    for part in interface.smooth_energy(Float64(np.ascontiguousarray(mu)), above):
+    for part in interface.smooth_energy(Float64(padded(mu)), above):
         values = np.atleast_2d(np.array(part))
         found.append(np.array(np.broadcast_to(values, (len(values), len(mu)))))
     return found[0], found[1]

@@ -17,12 +17,15 @@ from ..bound import BoundStack
 from ..direct import direct_is_certain
 from . import once
 from .basis import Grid
-from .layers import Layer, MediumLayer
+from .layers import Layer, MediumLayer, SmoothLayer
 from .operator import OPERATORS, Operator
 from .solution import Block, Part, Solution
 
 #: bytes that the dense arrays of one layer may take at a time
 MEMORY = 1 << 26
+#: the search ends after so many orders in a row that hold next to nothing; those at the end that hold less than this
+#: share of it are not kept
+QUIET, TAIL = 4, 0.3
 #: more orders than this are not looked for
 MOST_ORDERS = 1 << 14
 
@@ -67,11 +70,11 @@ def solve_on(
     rest: dict[tuple[bool, bool], list[Block]] = {side: [] for side in sides}
     delta: dict[tuple[bool, bool], np.ndarray | None] = {}
     most = max(layer.orders for layer in layers)
-    largest, quiet, used = 0.0, 0, 0
+    heights = np.zeros(0)
     for orders in _chunks(most, grid, colours):
         found = _solve_orders(stack, layers, orders, _first(layers, orders))
         weight = _heights(grid, stack, found.first)
-        height = 0.0
+        height = np.zeros(len(orders))
         for side in sides:
             operator = _side(found.whole, side)
             if side not in delta:
@@ -84,12 +87,15 @@ def solve_on(
             if dense is not None:
                 blocks[side].append(_block(orders, found.first, dense, colours))
                 counted = operator.dense if complete and operator.dense is not None else dense
-                height = max(height, float(np.abs(counted * weight[side]).max(initial=0.0)))
-        used = orders.stop
-        largest = max(largest, height)
-        quiet = quiet + len(orders) if height <= tolerance * largest else 0
-        if quiet >= 4:
+                some = np.abs(counted * weight[side]).max(axis=(0, 2, 3), initial=0.0)
+                height[: len(some)] = np.maximum(height[: len(some)], some)
+        heights = np.append(heights, height)
+        if len(_loud(heights, tolerance)) + QUIET <= len(heights):
             break
+    used = len(heights) if complete else max(len(_loud(heights, TAIL * tolerance)), 1)
+    for every in (blocks, rest):
+        for side in sides:
+            every[side] = [_cut(block, used) for block in every[side] if block.orders.start < used]
     parts = {side: Part(*side, delta.get(side), blocks[side], rest[side]) for side in sides}
     sizes = {"nodes": len(grid.s), "orders": used, "complete": complete}
     return Solution(grid, parts, closed_form(stack), colours, sizes)
@@ -98,6 +104,18 @@ def solve_on(
 def _first(layers: Sequence[Layer], orders: range) -> int:
     """The first node that any layer has something of these orders for."""
     return min((layer.first(orders) for layer in layers if layer.orders > orders.start), default=0)
+
+
+def _loud(heights: np.ndarray, tolerance: float) -> range:
+    """Orders up to the last that is above the tolerance, relative to the highest."""
+    found = np.flatnonzero(heights > tolerance * heights.max(initial=0.0))
+    return range(int(found[-1]) + 1 if len(found) else 0)
+
+
+def _cut(block: Block, stop: int) -> Block:
+    """A block without its orders from `stop` on."""
+    orders = range(block.orders.start, min(block.orders.stop, stop))
+    return Block(orders, block.first, block.values[:, : len(orders)])
 
 
 def _chunks(most: int, grid: Grid, colours: int) -> Iterator[range]:
@@ -110,13 +128,18 @@ def _chunks(most: int, grid: Grid, colours: int) -> Iterator[range]:
     while start < min(most, MOST_ORDERS):
         stop = min(start + size, most)
         yield range(start, stop)
-        start, size = stop, min(2 * size, fit)
+        start, size = stop, min(max(4, stop // 2), fit)
 
 
 def _solve_orders(stack: BoundStack, layers: Sequence[Layer], orders: range, first: int) -> Found:
     slabs = [layer.slab(orders, first) for layer in layers]
-    below = slabs[-1]
-    for slab in reversed(slabs[:-1]):
+    there = [
+        slab
+        for slab, layer in zip(slabs, layers, strict=True)
+        if not (isinstance(layer, SmoothLayer) and layer.absent)
+    ] or slabs[:1]
+    below = there[-1]
+    for slab in reversed(there[:-1]):
         if stack.opaque:
             below = Slab(*from_above(slab, below, OPERATORS), below.r_bottom, below.t_up)
         else:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
+from functools import cache
 from typing import Any
 
 import drjit as dr
@@ -13,6 +14,7 @@ from urushi import llvm
 from urushi.errors import UrushiError
 from urushi.stack import Stack
 
+from ..arrays import padded
 from ..bound import BoundStack
 from ..direct import direct, direct_is_certain
 from . import build
@@ -26,6 +28,8 @@ from .threads import one_thread
 
 #: fewest nodes to try a grid with
 FEWEST = 24
+#: LLVM is looked for once, which takes longer than a thin slab
+_ready = cache(llvm.ensure)
 #: see `solution`
 Keep = Callable[[list[int], Callable[[], Solution]], Solution]
 
@@ -68,7 +72,7 @@ class _Problem:
     """A stack that is bound, ready to be solved on any nodes."""
 
     def __init__(self, stack: Stack, accuracy: float, extra: Sequence[float]) -> None:
-        llvm.ensure()
+        _ready()
         self.bound, self.colours = build.bind_numbers(stack)
         self.phases = build.phase_functions(stack)
         self.indices, self.extra = build.indices(self.bound), tuple(extra)
@@ -113,7 +117,7 @@ def _heights(stack: BoundStack, indices: Sequence[float]) -> dict[tuple[bool, bo
         mu_o = exits(indices, side)
         up_i, up_o = (1.0 if above else -1.0 for above in side)
         i, o, phi = np.broadcast_arrays(COSINES[:, None, None], mu_o[..., None], AZIMUTHS)
-        i, o, phi = (Float64(x.ravel()) for x in (i, o, phi))
+        i, o, phi = (Float64(padded(x)) for x in (i, o, phi))
         wi = Array3f64(-dr.sqrt(1 - i * i), 0, up_i * i)
         sin = dr.sqrt(1 - o * o)
         wo = Array3f64(sin * dr.cos(phi), sin * dr.sin(phi), up_o * o)
