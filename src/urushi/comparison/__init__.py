@@ -9,8 +9,9 @@ not know itself is carried along as the uncertainty of every error.
 
     questions    the directions that are asked        reference   what is taken for the truth, and its uncertainty
     contenders   BSDFs that are no method             clock       times, in turn and warm
-    measure      errors and noise                     verdict     which to take, and why
-    report       what was found                       page, svg   the same as a page that needs nothing else
+    errors       how far off, and how noisy           verdict     which to take, and why
+    measure      all of it together                   report      what was found
+    words        numbers as people read them          page, svg, figures   the same as a page that needs nothing else
 """
 
 from __future__ import annotations

@@ -11,12 +11,13 @@ from .words import COLUMNS, cells, percent
 STYLE = """
 body{font:16px/1.5 system-ui,sans-serif;color:#222;background:#fff;max-width:70rem;margin:2rem auto;padding:0 1rem}
 h1{font-size:1.7rem;margin:0}h2{font-size:1.15rem;margin:2rem 0 .4rem}
-table{border-collapse:collapse;font-size:.88rem;font-variant-numeric:tabular-nums}
-th,td{padding:.3rem .6rem;text-align:right;border-bottom:1px solid #ddd;white-space:nowrap}
-th:first-child,td:first-child{text-align:left}th{font-weight:600;vertical-align:bottom}
+table{border-collapse:collapse;font-size:.92rem;font-variant-numeric:tabular-nums}
+th,td{padding:.28rem .8rem;text-align:right;border-bottom:1px solid #ddd;white-space:nowrap;vertical-align:top}
+th{font-weight:600}tbody th{text-align:left}td.why{text-align:left;white-space:normal;color:#555;font-size:.85rem;min-width:18rem}
 .scroll{overflow-x:auto}.verdict{background:#eef4f8;border-left:4px solid #0072B2;padding:.7rem 1rem;margin:1rem 0}
 .verdict p{margin:.3rem 0}.muted{color:#555}pre{background:#f6f6f6;padding:.6rem .9rem;overflow-x:auto;font-size:.85rem}
-.figures{display:flex;flex-wrap:wrap;gap:1.2rem}figure{margin:0;flex:1 1 30rem;max-width:44rem}
+.figures{display:flex;flex-wrap:wrap;gap:1.6rem 1.2rem}figure{margin:0;flex:1 1 30rem;max-width:34rem}
+figure.wide{flex-basis:100%;max-width:56rem}
 figcaption{font-size:.88rem;color:#444}img,svg{max-width:100%;height:auto}
 svg text{font:12px system-ui,sans-serif;fill:#222}svg .mid{text-anchor:middle}svg .end{text-anchor:end}
 svg .grid{stroke:#e3e3e3}svg .box{fill:#fff;stroke:#888}dt{font-weight:600}dd{margin:0 0 .4rem 1.2rem}
@@ -51,11 +52,8 @@ def fragment(report: Report) -> str:
         _cannot(report),
         '<div class="figures">',
         *(_figure(picture, title) for title, picture in _charts(report).items() if picture),
-        *(_figure(picture, title) for title, picture in report.figures.items()),
+        *(_figure(picture, title, wide=True) for title, picture in report.figures.items()),
         "</div>",
-        "<h2>What the columns mean</h2><dl>",
-        *(f"<dt>{escape(name)}</dt><dd>{escape(text)}</dd>" for name, text in COLUMNS.items() if text),
-        "</dl>",
         "<h2>What was compared</h2>",
         f"<pre>{escape(report.layers)}</pre><dl>",
         *(f"<dt>{escape(row.name)}</dt><dd>{escape(row.said or 'not solved')}</dd>" for row in report.rows),
@@ -70,13 +68,16 @@ def _sentences(text: str) -> list[str]:
 
 
 def _table(report: Report) -> str:
-    head = "".join(
-        f'<th title="{escape(text, quote=True)}">{escape(name)}</th>' for name, text in COLUMNS.items()
-    )
+    """A row for every quantity, with what it means; a column for every answer."""
+    head = "".join(f"<th>{escape(row.name)}</th>" for row in report.rows)
+    columns = list(zip(*(cells(row) for row in report.rows), strict=True))[1:]
     rows = "".join(
-        "<tr>" + "".join(f"<td>{escape(cell)}</td>" for cell in cells(row)) + "</tr>" for row in report.rows
+        f"<tr><th>{escape(name)}</th>"
+        + "".join(f"<td>{escape(cell)}</td>" for cell in found)
+        + f'<td class="why">{escape(meaning)}</td></tr>'
+        for (name, meaning), found in zip(list(COLUMNS.items())[1:], columns, strict=True)
     )
-    return f'<div class="scroll"><table><thead><tr>{head}</tr></thead><tbody>{rows}</tbody></table></div>'
+    return f'<div class="scroll"><table><thead><tr><th></th>{head}<th></th></tr></thead><tbody>{rows}</tbody></table></div>'
 
 
 def _cannot(report: Report) -> str:
@@ -96,8 +97,9 @@ def _cannot(report: Report) -> str:
     return f"<ul>{''.join(said)}</ul>"
 
 
-def _figure(picture: str, title: str) -> str:
-    return f"<figure>{picture}<figcaption>{escape(title)}</figcaption></figure>"
+def _figure(picture: str, title: str, wide: bool = False) -> str:
+    kind = ' class="wide"' if wide else ""
+    return f"<figure{kind}>{picture}<figcaption>{escape(title)}</figcaption></figure>"
 
 
 def _charts(report: Report) -> dict[str, str]:
@@ -117,7 +119,7 @@ def _charts(report: Report) -> dict[str, str]:
         if max(known) <= 0:
             continue
         found[f"Error of {what} (mean of the colours), by the angle of the light"] = svg.chart(
-            [_flux(row, report, what) for row in able],
+            [_flux(row, report, what, i) for i, row in enumerate(able)],
             svg.Axis("angle of the light from the normal (degrees; below the surface from 90)"),
             svg.Axis(f"error of {what}"),
             f"error of {what} for each method",
@@ -127,8 +129,8 @@ def _charts(report: Report) -> dict[str, str]:
 
 def _against_time(rows: list[Row]) -> list[svg.Series]:
     series = [
-        svg.Series(row.name, [row.eval_ns or 0.0], [row.error.rms or 0.0], line=False)
-        for row in rows
+        svg.Series(row.name, [row.eval_ns or 0.0], [row.error.rms or 0.0], line=False, slot=i)
+        for i, row in enumerate(rows)
         if row.error is not None and row.name != "walk"
     ]
     walk = next((row for row in rows if row.name == "walk"), None)
@@ -144,7 +146,7 @@ def _against_time(rows: list[Row]) -> list[svg.Series]:
     return series
 
 
-def _flux(row: Row, report: Report, what: str) -> svg.Series:
+def _flux(row: Row, report: Report, what: str, slot: int) -> svg.Series:
     angles, off, error = [], [], []
     for flux, known in zip(getattr(row, what), getattr(report, what), strict=True):
         theta = float(flux.view.partition("°")[0])
@@ -153,5 +155,5 @@ def _flux(row: Row, report: Report, what: str) -> svg.Series:
         error.append(max(a**2 + b**2 for a, b in zip(flux.error, known.error, strict=True)) ** 0.5)
     order = sorted(range(len(angles)), key=lambda i: angles[i])
     return svg.Series(
-        row.name, [angles[i] for i in order], [off[i] for i in order], [error[i] for i in order]
+        row.name, [angles[i] for i in order], [off[i] for i in order], [error[i] for i in order], slot=slot
     )

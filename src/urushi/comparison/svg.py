@@ -17,7 +17,10 @@ LEFT, RIGHT, TOP, BOTTOM = 66, 150, 14, 48
 
 @dataclass(frozen=True)
 class Series:
-    """Points of one name: x, y, and half the length of an error bar (or none); joined by lines, or not."""
+    """Points of one name: x, y, and half the length of an error bar (or none); joined by lines, or not.
+
+    `slot` chooses colour and shape, so that one name looks the same in every chart.
+    """
 
     name: str
     x: Sequence[float]
@@ -25,6 +28,7 @@ class Series:
     error: Sequence[float] | None = None
     line: bool = True
     dashed: bool = False
+    slot: int = 0
 
 
 @dataclass(frozen=True)
@@ -72,7 +76,7 @@ def chart(series: Sequence[Series], across: Axis, up: Axis, title: str) -> str:
     y = (TOP + HEIGHT - BOTTOM) / 2
     parts.append(f'<text x="14" y="{y}" class="mid" transform="rotate(-90 14 {y})">{escape(up.label)}</text>')
     for i, one in enumerate(kept):
-        colour = COLOURS[i % len(COLOURS)]
+        colour = COLOURS[one.slot % len(COLOURS)]
         points = [(px(x), py(y)) for x, y in zip(one.x, one.y, strict=True)]
         if one.line and len(points) > 1:
             path = " ".join(f"{x:.1f},{y:.1f}" for x, y in points)
@@ -87,7 +91,7 @@ def chart(series: Sequence[Series], across: Axis, up: Axis, title: str) -> str:
                     f'stroke="{colour}" stroke-width="1.5"/>'
                 )
             if not one.dashed:
-                parts.append(_mark(i, x, y, colour))
+                parts.append(_mark(one.slot, x, y, colour))
         row = TOP + 12 + 20 * i
         right = WIDTH - RIGHT + 16
         parts.append(
@@ -95,7 +99,7 @@ def chart(series: Sequence[Series], across: Axis, up: Axis, title: str) -> str:
             + (' stroke-dasharray="6 4"/>' if one.dashed else "/>" if one.line else ' opacity="0"/>')
         )
         if not one.dashed:
-            parts.append(_mark(i, right, row, colour))
+            parts.append(_mark(one.slot, right, row, colour))
         parts.append(f'<text x="{right + 14}" y="{row + 4}">{escape(_short(one.name))}</text>')
     body = "".join(parts)
     return f'<svg viewBox="0 0 {WIDTH} {HEIGHT}" role="img" aria-label="{escape(title, quote=True)}">{body}</svg>'
@@ -108,7 +112,9 @@ def _kept(one: Series, log_x: bool, log_y: bool) -> Series:
         if math.isfinite(x) and math.isfinite(y) and (x > 0 or not log_x) and (y > 0 or not log_y)
     ]
     error = [one.error[i] for i in rows] if one.error is not None else None
-    return Series(one.name, [one.x[i] for i in rows], [one.y[i] for i in rows], error, one.line, one.dashed)
+    return Series(
+        one.name, [one.x[i] for i in rows], [one.y[i] for i in rows], error, one.line, one.dashed, one.slot
+    )
 
 
 def _reach(one: Series, log: bool) -> list[float]:
@@ -148,14 +154,14 @@ def _tick(value: float) -> str:
     return f'{head}10<tspan dy="-5" font-size="9">{digits}</tspan>'
 
 
-def _mark(i: int, x: float, y: float, colour: str) -> str:
+def _mark(slot: int, x: float, y: float, colour: str) -> str:
     shapes = (
         f'<circle cx="{x:.1f}" cy="{y:.1f}" r="4.5" fill="{colour}"/>',
         f'<rect x="{x - 4:.1f}" y="{y - 4:.1f}" width="8" height="8" fill="{colour}"/>',
         f'<path d="M{x:.1f},{y - 5.5:.1f} l5.5,10 h-11 z" fill="{colour}"/>',
         f'<path d="M{x:.1f},{y - 6:.1f} l6,6 l-6,6 l-6,-6 z" fill="{colour}"/>',
     )
-    return shapes[i % len(shapes)]
+    return shapes[slot % len(shapes)]
 
 
 def _short(name: str) -> str:
