@@ -13,7 +13,8 @@ body{font:16px/1.5 system-ui,sans-serif;color:#222;background:#fff;max-width:70r
 h1{font-size:1.7rem;margin:0}h2{font-size:1.15rem;margin:2rem 0 .4rem}
 table{border-collapse:collapse;font-size:.92rem;font-variant-numeric:tabular-nums}
 th,td{padding:.28rem .8rem;text-align:right;border-bottom:1px solid #ddd;white-space:nowrap;vertical-align:top}
-th{font-weight:600}tbody th{text-align:left}td.why{text-align:left;white-space:normal;color:#555;font-size:.85rem;min-width:18rem}
+th{font-weight:600}tbody th{text-align:left}
+td.why{text-align:left;white-space:normal;color:#555;font-size:.85rem;min-width:18rem}
 .scroll{overflow-x:auto}.verdict{background:#eef4f8;border-left:4px solid #0072B2;padding:.7rem 1rem;margin:1rem 0}
 .verdict p{margin:.3rem 0}.muted{color:#555}pre{background:#f6f6f6;padding:.6rem .9rem;overflow-x:auto;font-size:.85rem}
 .figures{display:flex;flex-wrap:wrap;gap:1.6rem 1.2rem}figure{margin:0;flex:1 1 30rem;max-width:34rem}
@@ -77,7 +78,8 @@ def _table(report: Report) -> str:
         + f'<td class="why">{escape(meaning)}</td></tr>'
         for (name, meaning), found in zip(list(COLUMNS.items())[1:], columns, strict=True)
     )
-    return f'<div class="scroll"><table><thead><tr><th></th>{head}<th></th></tr></thead><tbody>{rows}</tbody></table></div>'
+    head = f"<thead><tr><th></th>{head}<th></th></tr></thead>"
+    return f'<div class="scroll"><table>{head}<tbody>{rows}</tbody></table></div>'
 
 
 def _cannot(report: Report) -> str:
@@ -138,11 +140,8 @@ def _against_time(rows: list[Row]) -> list[svg.Series]:
     if walk is not None and walk.eval_ns and timed is not None and timed.walk_noise and timed.eval_ns:
         one = timed.walk_noise * (timed.eval_ns / walk.eval_ns) ** 0.5
         counts = [1.0, 10.0, 100.0, 1e3, 1e4]
-        series.append(
-            svg.Series(
-                "walk", [n * walk.eval_ns for n in counts], [one / n**0.5 for n in counts], dashed=True
-            )
-        )
+        times, noise = [n * walk.eval_ns for n in counts], [one / n**0.5 for n in counts]
+        series.append(svg.Series("walk", times, noise, dashed=True, slot=rows.index(walk)))
     return series
 
 
