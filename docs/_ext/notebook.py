@@ -24,7 +24,7 @@ def page(notebook: dict[str, Any]) -> str:
 
 
 def outputs(output: dict[str, Any]) -> Iterator[str]:
-    """One output: the richest form that it has; markup between blank lines would end an HTML block."""
+    """One output, in the richest form that it has."""
     data = output.get("data", {"text/plain": output.get("text", "")})
     text = {kind: "".join(value) for kind, value in data.items()}
     if "image/png" in text:
@@ -34,8 +34,7 @@ def outputs(output: dict[str, Any]) -> Iterator[str]:
         html = text["text/html"]
     else:
         html = f"<pre>{escape(text['text/plain'])}</pre>"
-    indented = "\n".join(line for line in html.splitlines()) if "<pre>" in html else html
-    yield '```{raw} html\n<div class="output">' + indented + "</div>\n```"
+    yield f'```{{raw}} html\n<div class="output">{html}</div>\n```'
 
 
 class NotebookParser(Parser):  # type: ignore[misc]
