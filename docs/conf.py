@@ -24,10 +24,12 @@ myst_heading_anchors = 4
 exclude_patterns = ["_build", "_ext", "data"]
 suppress_warnings = ["myst.header"]
 nitpicky = True
-nitpick_ignore = [("py:class", "collections.abc.Callable")]  # Python's own pages are not linked to
+nitpick_ignore_regex = [("py:class", r"(numpy|collections)\..*")]  # the pages of others are not linked to
 
 autodoc_typehints = "none"
 autodoc_member_order = "bysource"
+smartquotes_action = "D"  # dashes; quotes are as they are typed
+autodoc_preserve_defaults = True
 # Docstrings are plain text: one backtick is code, as in the source.
 default_role = "code"
 napoleon_google_docstring = True
