@@ -7,9 +7,10 @@ its panels, whose sum is 1 everywhere):
 
     A_m[o, i] = integral of L_o(mu) k_m(mu <- mu_i) dmu,        k_m = integral of k cos(m phi) dphi
 
-So every column adds up to the true albedo, a lobe too narrow for the nodes acts on all that is smooth as it should,
-the limit of a smooth interface is its diagonal, and where the nodes resolve the lobe A_m[o, i] is w_o k_m(mu_o <- mu_i)
-again. phi is the azimuth between the ways light travels: 0 is straight on, and the mirror direction.
+See theory (basis.14). So every column adds up to the true albedo, a lobe too narrow for the nodes acts on all that is
+smooth as it should, the limit of a smooth interface is its diagonal, and where the nodes resolve the lobe A_m[o, i]
+is w_o k_m(mu_o <- mu_i) again. phi is the azimuth between the ways light travels: 0 is straight on, and the mirror
+direction.
 """
 
 from __future__ import annotations

@@ -1,8 +1,8 @@
 """Homogeneous slabs by the modes of their light (discrete ordinates: Chandrasekhar 1950; Stam 2001).
 
 With X = F F^T and Y = G G^T (see `media`), the singular values of F^T G = U k V^T are the rates at which the modes
-fade, and Z = (F U) (tanh h k / k) (F U)^T, V = (G V) (tanh h k / k) (G V)^T. That takes no square of k, so a mode that
-hardly fades keeps its digits, and one that never fades (albedo 1) is no special case.
+fade, and Z = (F U) (tanh h k / k) (F U)^T, V = (G V) (tanh h k / k) (G V)^T. That (theory (basis.11)) takes no square
+of k, so a mode that hardly fades keeps its digits, and one that never fades (albedo 1) is no special case.
 """
 
 from __future__ import annotations

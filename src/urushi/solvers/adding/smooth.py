@@ -1,4 +1,5 @@
-"""Smooth interfaces as operators: diagonals, since every region has the nodes of Snell's directions."""
+"""Smooth interfaces as operators: diagonals, since every region has the nodes of Snell's directions: theory
+(basis.5)."""
 
 from __future__ import annotations
 
