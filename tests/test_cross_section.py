@@ -99,9 +99,10 @@ def test_an_image_is_named_and_grey():
 
 
 def test_the_svg_is_whole_and_says_no_markup_of_the_user():
-    stack = ur.Stack(name="<b>&", description="a & <i>", layers=[COAT, ur.Diffuse(reflectance=0.5)])
+    image = ur.Texture(file="a<u>b.png")
+    stack = ur.Stack(name="<b>&", description="a & <i>", layers=[COAT, ur.Diffuse(reflectance=image)])
     page = stack._repr_html_()
-    assert "<b>" not in page and "&lt;b&gt;&amp;" in page and "<i>" not in page
+    assert "<b>" not in page and "&lt;b&gt;&amp;" in page and "<i>" not in page and "<u>" not in page
     svg = re.search("<svg.*</svg>", page)[0]
     root = ElementTree.fromstring(svg)
     assert float(root.get("height")) == pytest.approx(draw(stack).height, rel=1e-4)

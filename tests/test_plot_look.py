@@ -146,14 +146,16 @@ def test_units_and_names_are_said(name, figure, drawn):
 
 
 def test_the_same_figure_gives_the_same_file_whatever_the_user_has_set(solved):
-    one = solved[0]
-    plain = [style.encoded(plot.polar(one), format) for format in ("png", "svg")]
+    def files(steps):
+        return [style.encoded(plot.albedo(solved, steps=steps), format) for format in ("png", "svg")]
+
+    plain = files(3)
     with matplotlib.rc_context({"font.size": 30, "axes.facecolor": "red", "savefig.dpi": 30}):
         before = dict(matplotlib.rcParams)
-        again = [style.encoded(plot.polar(one), format) for format in ("png", "svg")]
+        again = files(3)
         assert dict(matplotlib.rcParams) == before
     assert plain == again
-    assert plain[0] != style.encoded(plot.polar(one, theta=46))
+    assert plain[0] != files(4)[0]
 
 
 def test_files_are_written_whole(tmp_path):
@@ -181,13 +183,15 @@ def test_colours_are_told_apart_without_red_and_green():
     assert len(set(map(str, style.DASHES))) == len(style.LINES)
 
 
-def test_a_notebook_shows_stacks_and_results(solved):
+def test_a_notebook_shows_stacks_and_results(solved, monkeypatch):
     page = COAT._repr_html_()
     assert "<svg" in page and "http" not in page.replace("http://www.w3.org/2000/svg", "")
     assert solved[0]._repr_png_().startswith(b"\x89PNG")
     lanes = ur.solve(COAT, "lobes", parameters={"layer_0.alpha": np.array([0.1, 0.2])})
     assert lanes._repr_png_() is None
     assert ur.solve(BLACK, "lobes")._repr_png_() is None
+    monkeypatch.setitem(sys.modules, "matplotlib", None)
+    assert solved[0]._repr_png_() is None
 
 
 def test_the_command_line_knows_every_figure():

@@ -9,6 +9,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.colors import LogNorm
 from matplotlib.lines import Line2D
+from matplotlib.patches import Circle
 from matplotlib.ticker import LogFormatterMathtext, LogLocator
 from scipy.ndimage import gaussian_filter
 
@@ -135,6 +136,7 @@ def _paint(axes: Axes, found: np.ndarray, scale: dict[str, Any], log: bool, peak
     floor = peak * 10.0**-DECADES if log else 0.0
     shown = np.where(np.isnan(found), np.nan, np.maximum(found, floor))
     painted = axes.imshow(shown, extent=(-1, 1, -1, 1), cmap=style.IMAGE, interpolation="nearest", **scale)
+    painted.set_clip_path(Circle((0, 0), 1, transform=axes.transData))
     at = (np.arange(pixels) + 0.5) / pixels * 2 - 1
     smooth = _smoothed(np.log10(shown) if log else shown)
     if log:

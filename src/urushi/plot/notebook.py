@@ -14,8 +14,6 @@ SCREEN = 90
 
 def picture(bsdf: BSDF, theta: float = 45.0) -> bytes | None:
     """The polar figure as PNG; None where it cannot be drawn: no light, other colours, one stack per evaluation."""
-    if getattr(bsdf, "lanes", 1) > 1:
-        return None
     try:
         return encoded(polar(bsdf, theta=theta), dpi=SCREEN)
     except UrushiError:

@@ -107,6 +107,8 @@ def _draw(axes: Axes, curves: list[Any], deltas: list[Any], logarithmic: bool, b
     disc.spokes(axes, list(angles), [f"{90 - abs(abs(a) - 90):g}°" for a in angles])
     axes.plot([-1, 1], [0, 0], color=style.INK, lw=1.1, zorder=2)
     for tick in ticks:
+        if radius(np.array(tick)) > 0.95:  # there the angle is written
+            continue
         name = f"$10^{{{round(np.log10(tick))}}}$" if logarithmic else f"{tick:g}"
         place = (-float(radius(np.array(tick))), -0.03)
         axes.text(*place, name, fontsize=7.5, ha="center", va="top", bbox=disc.PAD, zorder=6)
