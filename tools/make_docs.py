@@ -96,6 +96,52 @@ def benchmarks() -> str:
     return "\n".join(lines) + "\n"
 
 
+def methods() -> str:
+    """What the methods cost and how far off they are, side by side."""
+    found = json.loads((ROOT / "benchmarks" / "results.json").read_text("utf-8"))
+    cost, solved = found["evaluation"]["cases"], found["adding"]["cases"]
+    usual = {name: one for name, one in solved.items() if not name.startswith("sharp")}
+    seconds, times = [[one[key] for one in usual.values()] for key in ("checked", "eval_ns")]
+    sharp = next(one["checked"] for name, one in solved.items() if name.startswith("sharp"))
+    far = {name: one["lobes"] for name, one in _validation()["presets"].items() if "lobes" in one}
+    worst = max(far, key=lambda name: far[name])
+    noise = found["noise"]["cases"]
+    lines = ["| | `walk` | `adding` | `lobes` |", "|---|---|---|---|"]
+    lines.append(
+        f"| error | noise only: a sample at 30° is off by {100 * noise['a']['noise'][1]:.0f} % (coated diffuse) to "
+        f"{100 * noise['c']['noise'][1]:.0f} % (coated metal) | 1e-3 by default, 1e-6 if asked for | reflectance "
+        f"within {_median(list(far.values())):.1g} on half the presets, {far[worst]:.1g} at worst (`{worst}`) |"
+    )
+    lines.append("| does it know its error? | yes: `with_error=True` | yes: `diagnostics` | no |")
+    lines.append(
+        f"| before the first value | nothing is solved | {min(seconds):.1g} to {max(seconds):.1f} s; sharp lobes "
+        f"{sharp:.0f} s | nothing is solved |"
+    )
+    walk = ", ".join(
+        f"{cost[case]['ns']:.0f} ns {what}"
+        for case, what in (("a", "coated diffuse"), ("b", "with a medium"), ("c", "coated metal"))
+    )
+    lines.append(
+        f"| a value | {walk} | {min(times) / 1000:.1f} to {max(times) / 1000:.1f} µs | as a few microfacet lobes |"
+    )
+    return "\n".join(lines) + "\n"
+
+
+def _median(values: list[float]) -> float:
+    return sorted(values)[len(values) // 2]
+
+
+def renders() -> str:
+    """How long a render takes, beside one with a plain material."""
+    found = json.loads((ROOT / "benchmarks" / "results.json").read_text("utf-8"))
+    lines = ["| preset | time of a render |", "|---|---|"]
+    for name, one in found["pictures"]["cases"].items():
+        lines.append(f"| `{name}` | {one['ratio']:.2f} × that with `{one['against']}` |")
+    machine = found["machine"]
+    lines += ["", f"On {machine['processor']}, {machine['threads']} threads, {machine['date']}."]
+    return "\n".join(lines) + "\n"
+
+
 def _validation() -> dict[str, Any]:
     """What `tools/make_validation.py` found last."""
     found: dict[str, Any] = json.loads((ROOT / "docs" / "data" / "validation.json").read_text("utf-8"))
@@ -158,6 +204,8 @@ def current(text: str) -> str:
         "metals": metals,
         "presets": presets,
         "benchmarks": benchmarks,
+        "methods": methods,
+        "renders": renders,
         "outside": outside,
         "between": between,
     }
