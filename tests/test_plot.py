@@ -154,7 +154,8 @@ def test_a_delta_part_is_told_as_flux_not_as_radiance():
 
 def test_a_pixel_of_the_hemisphere_is_eval(coat):
     wi = subjects.incident(30.0, 180.0)
-    found = disc_image(subjects.Subject(coat, ""), wi, True, 11, "red")
+    found, error = disc_image(subjects.Subject(coat, ""), wi, True, 11, "red")
+    assert not np.nanmax(error)
     assert np.isnan(found[0, 0]) and np.isfinite(found[5]).all()
     x, y = 2 * 8.5 / 11 - 1, 1 - 2 * 3.5 / 11  # column 8, row 3
     t, p = np.hypot(x, y) * np.pi / 2, np.arctan2(y, x)
@@ -177,7 +178,7 @@ def test_the_hemisphere_marks_the_light_and_both_sides():
 
 def test_the_body_is_eval(coat):
     wi = subjects.incident(30.0, 180.0)
-    wo, value = grid(subjects.Subject(coat, ""), wi, True, "luminance", (4, 5))
+    wo, value, _ = grid(subjects.Subject(coat, ""), wi, True, "luminance", (4, 5))
     np.testing.assert_allclose(np.linalg.norm(wo, axis=-1), 1)
     np.testing.assert_allclose(value[2], luminance(coat.eval(wi, wo[2])), rtol=1e-6)
     assert (value[-1] == 0).all()
@@ -197,7 +198,7 @@ def test_half_and_difference_angles():
 
 @pytest.mark.parametrize("root", [False, True])
 def test_the_slice_is_pi_f(coat, root):
-    found = slice_image(subjects.Subject(coat, ""), 8, root)
+    found, _ = slice_image(subjects.Subject(coat, ""), 8, root)
     row, column = 5, 6
     at = (column + 0.5) / 8
     th, td = 90 * (at**2 if root else at), 90 * (1 - (row + 0.5) / 8)
@@ -256,6 +257,21 @@ def test_patches_have_the_colour_of_the_albedo():
     (box,) = named(axes, "1-0-0")
     albedo = ur.solve(COAT, "lobes").reflectance([[0, 0, 1]])[0]
     np.testing.assert_allclose(box.get_facecolor()[:3], colour.encoded(albedo), atol=1e-5)
+
+
+def test_pictures_say_how_noisy_they_are(walked, coat):
+    """The median relative standard error, which is that of eval; nothing where there is no noise."""
+    value, error = slice_image(subjects.Subject(walked, ""), 8, True)
+    expected = f"noise ±{100 * np.median(error / value):.2g} %"
+    assert expected in plot.slice(walked, pixels=8).axes[0].get_title(loc="left")
+    at = (np.arange(8) + 0.5) * 90 / 8
+    wi, wo = pair(*(np.radians(a.ravel()) for a in np.meshgrid(at**2 / 90, at)))
+    mean, sigma = walked.eval(wi, wo, with_error=True)
+    assert np.median(error / value) == pytest.approx(np.median(sigma / mean), rel=0.15)
+    assert "noise ±" in plot.lobe3d(walked).axes[0].get_title()
+    assert "noise ±" in plot.patches(walked).axes[0].get_yticklabels()[0].get_text()
+    assert any("noise ±" in text.get_text() for text in plot.hemisphere(walked, pixels=21).axes[0].texts)
+    assert "noise" not in plot.slice(coat, pixels=8).axes[0].get_title(loc="left")
 
 
 def test_srgb():

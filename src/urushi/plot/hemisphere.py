@@ -16,7 +16,7 @@ from scipy.ndimage import gaussian_filter
 from urushi.errors import UrushiError
 
 from . import disc, style
-from .subjects import Subject, arrows, incident, refracted, subjects, values
+from .subjects import Subject, arrows, incident, noise, refracted, spread, subjects, values
 from .subjects import channel as pick
 
 DECADES = 4
@@ -43,7 +43,7 @@ def hemisphere(
     The distance from a disc's centre is the angle from the normal (from its far end on the far side); the azimuth is
     that of the surface, x to the right. All discs share one colour scale; what lies below it is drawn in its darkest
     colour. Contours, of the image smoothed over 1.5 pixels, are drawn at powers of ten, and halfway between them in
-    dashes.
+    dashes. The noise of an estimate is its median standard error, relative to the value.
 
     Args:
         materials: one to four: `Stack`, path, ``preset:NAME`` or solved `BSDF`.
@@ -71,7 +71,7 @@ def hemisphere(
         for above in sides
         if above or one.transmits
     }
-    peak = max(float(np.nanmax(found)) for found in images.values())
+    peak = max(float(np.nanmax(found)) for found, _ in images.values())
     if peak <= 0:
         raise UrushiError(
             "materials: nothing is scattered, all light is in delta parts; allowed: a lobe to draw"
@@ -91,12 +91,13 @@ def hemisphere(
                 disc.bare(axes)
                 axes.text(0, 0, "opaque", ha="center", va="center", color=style.FAINT)
                 continue
-            painted = _paint(axes, images[i, above], scale, log, peak)
+            painted = _paint(axes, images[i, above][0], scale, log, peak)
             _marks(axes, theta, phi, above, refracted(one, theta))
             here = [part for part in parts if (part.direction[2] > 0) == above]
-            words = ", ".join(f"{pick(part.energy, channel):.3g}" for part in here)
-            if words:
-                axes.text(0, -1.32, f"delta part: {words} of the light", ha="center", va="top", fontsize=8)
+            words = [f"delta part: {pick(part.energy, channel):.3g} of the light" for part in here]
+            words.append(noise(*images[i, above]))
+            text = ";  ".join(word for word in words if word)
+            axes.text(0, -1.32, text, ha="center", va="top", fontsize=8)
     unit = "f |cos θo|" + ("" if channel == "luminance" else f", {channel}")
     bar = figure.colorbar(painted, ax=grid, shrink=0.8, pad=0.02, extend="min" if log else "neither")
     bar.set_label(f"{unit}  (1/sr)")
@@ -116,8 +117,10 @@ def hemisphere(
     return figure
 
 
-def image(subject: Subject, wi: np.ndarray, above: bool, pixels: int, name: str) -> np.ndarray:
-    """(pixels, pixels) of one side, top row y = 1; nan outside the disc."""
+def image(
+    subject: Subject, wi: np.ndarray, above: bool, pixels: int, name: str
+) -> tuple[np.ndarray, np.ndarray]:
+    """Values and standard errors of one side, (pixels, pixels) each, top row y = 1; nan outside the disc."""
     at = (np.arange(pixels) + 0.5) / pixels * 2 - 1
     x, y = np.meshgrid(at, -at)
     radius = np.hypot(x, y)
@@ -125,9 +128,10 @@ def image(subject: Subject, wi: np.ndarray, above: bool, pixels: int, name: str)
     t, p = radius[inside] * np.pi / 2, np.arctan2(y[inside], x[inside])
     z = np.cos(t) if above else -np.cos(t)
     wo = np.stack([np.sin(t) * np.cos(p), np.sin(t) * np.sin(p), z], axis=1)
-    found = np.full((pixels, pixels), np.nan)
-    found[inside] = pick(values(subject, wi, wo)[0], name)
-    return found
+    found = np.full((2, pixels, pixels), np.nan)
+    value, error = values(subject, wi, wo)
+    found[:, inside] = pick(value, name), spread(error, name)
+    return found[0], found[1]
 
 
 def _paint(axes: Axes, found: np.ndarray, scale: dict[str, Any], log: bool, peak: float) -> Any:

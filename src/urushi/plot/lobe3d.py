@@ -15,7 +15,7 @@ from urushi.errors import UrushiError
 
 from . import style
 from .polar import DECADES, scale
-from .subjects import Arrow, Subject, arrows, incident, subjects, values
+from .subjects import Arrow, Subject, arrows, incident, noise, spread, subjects, values
 from .subjects import channel as pick
 
 MOST = 4
@@ -39,7 +39,8 @@ def lobe3d(
     """The lobe in space: the distance from the origin, and the colour, are f |cos theta_o|.
 
     With `log` the radius spans four powers of ten below the largest value of all panels; what is below them is at
-    the origin. The same scale serves every panel. Delta parts are arrows, their energy stands in the title.
+    the origin. The same scale serves every panel. Delta parts are arrows, their energy stands in the title;
+    the noise of an estimate there is its median standard error, relative to the value.
 
     Args:
         materials: one to four: `Stack`, path, ``preset:NAME`` or solved `BSDF`; a panel each.
@@ -61,7 +62,7 @@ def lobe3d(
     shown = subjects(materials, method, labels, samples, MOST, **options)
     deltas = [arrows(one, wi) for one in shown]
     grids = [[grid(one, wi, above, channel) for above in sides(one)] for one in shown]
-    peak = max(float(value.max()) for panel in grids for _, value in panel)
+    peak = max(float(value.max()) for panel in grids for _, value, _ in panel)
     if peak <= 0 and not any(deltas):
         raise UrushiError("materials: nothing is reflected or transmitted; allowed: something to draw")
     peak = peak if peak > 0 else 1.0
@@ -76,7 +77,7 @@ def lobe3d(
         axes = figure.add_subplot(1, len(shown), i + 1, projection="3d", computed_zorder=False)
         panels.append(axes)
         below = -1.0 if one.transmits else 0.0
-        for k, (wo, value) in enumerate(grids[i]):
+        for k, (wo, value, _) in enumerate(grids[i]):
             body = wo * radius(value)[..., None]
             face = colours(norm(np.maximum(value, peak * 10.0**-DECADES)))
             look: dict[str, Any] = {"facecolors": face, "rstride": 1, "cstride": 1, "linewidth": 0.2}
@@ -84,7 +85,7 @@ def lobe3d(
             axes.plot_surface(*np.moveaxis(body, -1, 0), zorder=1 if k else 3, **look)
         _surroundings(axes, wi[0], deltas[i], below)
         axes.view_init(elev=elevation, azim=azimuth)
-        axes.set_title(one.label + _said(deltas[i], channel))
+        axes.set_title(one.label + _said(deltas[i], grids[i], channel))
     unit = "f |cos θo|" + ("" if channel == "luminance" else f", {channel}")
     bar = figure.colorbar(ScalarMappable(norm, colours), ax=panels, shrink=0.65, pad=0.04)
     bar.set_label(f"{unit}  (1/sr)")
@@ -106,17 +107,18 @@ def sides(subject: Subject) -> tuple[bool, ...]:
 
 def grid(
     subject: Subject, wi: np.ndarray, above: bool, name: str, steps: tuple[int, int] = (61, 121)
-) -> tuple[np.ndarray, np.ndarray]:
-    """Directions (T, P, 3) of one side and the value (T, P) in each; along the surface it is 0."""
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Directions (T, P, 3) of one side, the value (T, P) in each and its standard error; 0 along the surface."""
     t = np.linspace(0.0, np.pi / 2, steps[0])
     p = np.linspace(0.0, 2 * np.pi, steps[1])
     tt, pp = np.meshgrid(t, p, indexing="ij")
     z = np.cos(tt) * (1 if above else -1)
     wo = np.stack([np.sin(tt) * np.cos(pp), np.sin(tt) * np.sin(pp), z], axis=-1)
-    value = np.zeros(tt.shape)
-    flat = wo[:-1].reshape(-1, 3)
-    value[:-1] = pick(values(subject, wi, flat)[0], name).reshape(len(t) - 1, len(p))
-    return wo, np.maximum(value, 0.0)
+    value, error = np.zeros(tt.shape), np.zeros(tt.shape)
+    found = values(subject, wi, wo[:-1].reshape(-1, 3))
+    value[:-1] = np.maximum(pick(found[0], name).reshape(len(t) - 1, len(p)), 0.0)
+    error[:-1] = spread(found[1], name).reshape(len(t) - 1, len(p))
+    return wo, value, error
 
 
 def _surroundings(axes: Any, wi: np.ndarray, deltas: list[Arrow], below: float) -> None:
@@ -141,6 +143,9 @@ def _ray(axes: Any, start: np.ndarray, end: np.ndarray, colour: str) -> None:
     axes.quiver(*start, *(end - start), color=colour, lw=1.8, arrow_length_ratio=0.09, zorder=6)
 
 
-def _said(deltas: list[Arrow], name: str) -> str:
-    words = ", ".join(f"{pick(part.energy, name):.3g}" for part in deltas)
-    return f"  (delta: {words})" if words else ""
+def _said(deltas: list[Arrow], panel: list[Any], name: str) -> str:
+    value, error = (np.concatenate([side[k].ravel() for side in panel]) for k in (1, 2))
+    energy = ", ".join(f"{pick(part.energy, name):.3g}" for part in deltas)
+    words = [f"delta: {energy}" if energy else "", noise(value, error)]
+    text = ";  ".join(word for word in words if word)
+    return f"\n{text}" if text else ""

@@ -12,7 +12,7 @@ from urushi.errors import UrushiError
 
 from . import style
 from .colour import code, encoded
-from .subjects import Subject, subjects
+from .subjects import Subject, estimated, noise, subjects, values
 
 MOST = 12
 SUNSHINE = 0.8
@@ -36,7 +36,8 @@ def patches(
     The upper half of a patch is the material under an overcast sky, alike from everywhere: its directional albedo.
     The lower half adds the sun, which gives four fifths of the light. Both are relative to a white diffuse surface
     in the same light, in linear sRGB, whose white is daylight (D65); colours brighter than white end at white. The
-    sun's mirror image in a smooth surface is too small to see and left out. Codes below the patches are sRGB.
+    sun's mirror image in a smooth surface is too small to see and left out. Codes below the patches are sRGB. The
+    noise of an estimate is the median standard error of the linear colour, relative to it.
 
     Args:
         materials: one to twelve: `Stack`, path, ``preset:NAME`` or solved `BSDF`.
@@ -59,24 +60,27 @@ def patches(
     figure = style.figure(0.8 * len(angles) + 2.2, 0.98 * len(shown) + 1.35)
     figure.suptitle("Colour under daylight", x=0.01, ha="left")
     axes = figure.subplots()
+    names = []
     for row, one in enumerate(shown):
         overcast = sky(one, angles)
         day = overcast if sun is None else daylight(one, angles, sun, phi, overcast)
+        words = noise(*day)
+        names.append(f"{one.label}\n{words}" if words else one.label)
         for column in range(len(angles)):
             x, y = column * 1.0, row * 1.25
             half = 0.46 if sun is not None else 0.92
-            for k, colour in enumerate((overcast[column], day[column])[: 1 if sun is None else 2]):
+            for k, colour in enumerate((overcast[0][column], day[0][column])[: 1 if sun is None else 2]):
                 box = Rectangle(
                     (x, y + k * half), 0.96, half, facecolor=encoded(colour), gid=f"{row}-{column}-{k}"
                 )
                 axes.add_patch(box)
             frame = {"facecolor": "none", "edgecolor": style.HAIR, "lw": 0.6}
             axes.add_patch(Rectangle((x, y), 0.96, 0.92, **frame))
-            axes.text(x + 0.48, y + 1.04, code(day[column]), ha="center", va="center", fontsize=7)
+            axes.text(x + 0.48, y + 1.04, code(day[0][column]), ha="center", va="center", fontsize=7)
     axes.set_xlim(-0.02, len(angles))
     axes.set_ylim(1.25 * len(shown) - 0.1, -0.05)
     axes.set_xticks([column + 0.48 for column in range(len(angles))], [f"{angle:g}°" for angle in angles])
-    axes.set_yticks([1.25 * row + 0.46 for row in range(len(shown))], [one.label for one in shown])
+    axes.set_yticks([1.25 * row + 0.46 for row in range(len(shown))], names)
     axes.tick_params(length=0)
     axes.xaxis.tick_top()
     axes.xaxis.set_label_position("top")
@@ -91,22 +95,28 @@ def patches(
     return figure
 
 
-def sky(subject: Subject, angles: Sequence[float]) -> np.ndarray:
-    """Linear sRGB (N, 3) under light that is alike from everywhere.
+def sky(subject: Subject, angles: Sequence[float]) -> tuple[np.ndarray, np.ndarray]:
+    """Linear sRGB under light that is alike from everywhere, and its standard error, (N, 3) each.
 
     What reaches the eye is what the surface would reflect of light from there, since f is reciprocal.
     """
-    return subject.bsdf.reflectance(_view(angles, 0.0))
+    wi = _view(angles, 0.0)
+    if estimated(subject):
+        return subject.bsdf.reflectance(wi, with_error=True)
+    value = subject.bsdf.reflectance(wi)
+    return value, np.zeros_like(value)
 
 
 def daylight(
-    subject: Subject, angles: Sequence[float], sun: float, phi: float, overcast: np.ndarray
-) -> np.ndarray:
-    """Linear sRGB (N, 3) under sun and sky, relative to a white diffuse surface."""
+    subject: Subject, angles: Sequence[float], sun: float, phi: float, overcast: tuple[np.ndarray, np.ndarray]
+) -> tuple[np.ndarray, np.ndarray]:
+    """Linear sRGB under sun and sky, relative to a white diffuse surface, and its standard error, (N, 3) each."""
     wi = np.repeat(_view([sun], 0.0), len(angles), axis=0)
     wo = _view(angles, phi)
-    sunlit = np.pi * subject.bsdf.eval(wi, wo) / wo[:, 2:]
-    return SUNSHINE * sunlit + (1 - SUNSHINE) * overcast
+    scale = SUNSHINE * np.pi / wo[:, 2:]
+    sunlit, error = values(subject, wi, wo)
+    value = scale * sunlit + (1 - SUNSHINE) * overcast[0]
+    return value, np.hypot(scale * error, (1 - SUNSHINE) * overcast[1])
 
 
 def _view(angles: Sequence[float], phi: float) -> np.ndarray:

@@ -12,7 +12,7 @@ from urushi.errors import UrushiError
 
 from . import style
 from .colour import encoded
-from .subjects import Subject, subjects, values
+from .subjects import Subject, noise, subjects, values
 
 MOST = 6
 TICKS = (0, 15, 30, 45, 60, 75, 90)
@@ -35,7 +35,7 @@ def slice(
     theta_h (Rusinkiewicz 1998) is the angle of the half vector from the normal, theta_d the angle between it and the
     light. The left edge is the highlight, the top edge grazing light, the bottom edge light that returns where it
     came from. The colour is pi f in linear sRGB times `exposure`: a white diffuse surface is white; highlights roll
-    off. Delta parts do not appear.
+    off. Delta parts do not appear. The noise of an estimate is its median standard error, relative to the value.
 
     Args:
         materials: one to six: `Stack`, path, ``preset:NAME`` or solved `BSDF`.
@@ -63,22 +63,25 @@ def slice(
     for axes in grid.flat[len(shown) :]:
         axes.set_visible(False)
     for axes, one in zip(grid.flat, shown, strict=False):
-        colours = encoded(exposure * image(one, pixels, root), tonemap=True)
+        value, error = image(one, pixels, root)
+        colours = encoded(exposure * value, tonemap=True)
         axes.imshow(colours, extent=(0, 1, 0, 1), interpolation="nearest")
-        axes.set_title(one.label)
+        words = noise(value, error)
+        axes.set_title(f"{one.label}\n{words}" if words else one.label)
         _ticks(axes, root)
     return figure
 
 
-def image(subject: Subject, pixels: int, root: bool) -> np.ndarray:
-    """pi f in linear sRGB, (pixels, pixels, 3); theta_d grows upwards, theta_h to the right."""
+def image(subject: Subject, pixels: int, root: bool) -> tuple[np.ndarray, np.ndarray]:
+    """pi f in linear sRGB and its standard error, (pixels, pixels, 3) each; theta_h to the right, theta_d upwards."""
     at = (np.arange(pixels) + 0.5) / pixels
     half = np.pi / 2 * (at**2 if root else at)
     difference = np.pi / 2 * at[::-1]
     th, td = (angle.ravel() for angle in np.meshgrid(half, difference))
     wi, wo = pair(th, td)
-    value = values(subject, wi, wo)[0] / wo[:, 2:]
-    return np.pi * value.reshape(pixels, pixels, 3)
+    scale = np.pi / wo[:, 2:]
+    value, error = ((scale * found).reshape(pixels, pixels, 3) for found in values(subject, wi, wo))
+    return value, error
 
 
 def pair(th: np.ndarray, td: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

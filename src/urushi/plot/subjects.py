@@ -202,6 +202,12 @@ def estimated(subject: Subject) -> bool:
     return said.get("method") not in ("adding", "lobes") and said.get("samples", 2) > 1
 
 
+def noise(value: np.ndarray, error: np.ndarray) -> str:
+    """The median standard error relative to the value, in words; empty where nothing is left to chance."""
+    lit = np.isfinite(value) & (value > 0) & (error > 0)
+    return f"noise ±{100 * np.median(error[lit] / value[lit]):.2g} %" if lit.any() else ""
+
+
 def arrows(subject: Subject, wi: np.ndarray, tries: int = 2048) -> list[Arrow]:
     """The delta parts for light from `wi` (1, 3), as `sample` finds them; of a chance under 1 / `tries` it may not."""
     u = np.full((tries, 3), 0.5)
