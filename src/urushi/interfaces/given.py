@@ -48,12 +48,12 @@ class Given:
         known = self.known(key)
         return known is not None and max(known if isinstance(known, tuple) else (known,)) == 0
 
-    def widened(self) -> tuple[Array, Array, Array, Array] | None:
-        """Roughness along two axes, the angle of the first, and the mean square, with what a normal map adds to it.
+    def widened(self) -> tuple[Array, Array, Array] | None:
+        """Roughness along two axes and the angle of the first, with what a normal map adds to it.
 
         A normal map too fine to be seen spreads slopes by its variance: alpha^2 / 2 is that of Beckmann's facets, so
-        twice the variance adds to alpha^2 (Olano & Baker 2010); so it does here for either distribution. None where
-        nothing is added.
+        twice the variance adds to alpha^2 (Olano & Baker 2010); so it does here for either distribution. Such an
+        interface is rough everywhere, 1e-4 at least. None where nothing is added.
         """
         if f"{self.name}.slope_variance" not in self.values or self.is_zero("slope_variance"):
             return None
@@ -68,24 +68,21 @@ class Given:
         length = dr.sqrt(half * half + xy * xy + 1e-20)
         # Where both axes are alike any will do, and the angle must not depend on rounding.
         angle = 0.5 * dr.atan2(xy, half + dr.select(length > 1e-9, 0.0, 1.0))
-        return dr.sqrt(mean + length), dr.sqrt(at_least(mean - length, 0)), angle * (180 / dr.pi), mean
+        return dr.sqrt(mean + length), dr.sqrt(at_least(mean - length, 0)), angle * (180 / dr.pi)
 
     def facets(self) -> tuple[Microfacets | None, Any]:
         """Microfacets (None when smooth everywhere) and the mask of smooth lanes (True or False where certain)."""
         wide = self.widened()
         if wide is not None:
-            x, y, _, mean = wide
-            known = self.known("slope_variance") is not None
-            certain = known or (self.known("alpha") is not None and not self.is_zero("alpha"))
-            delta: Any = False if certain else mean <= 0
+            x, y, _ = wide
             masking = getattr(self.layer, "masking", "correlated")
             wide_x, wide_y = at_least(x, SMALLEST), at_least(y, SMALLEST)
-            return Microfacets(wide_x, wide_y, self.layer.distribution, masking), delta
+            return Microfacets(wide_x, wide_y, self.layer.distribution, masking), False
         if self.is_zero("alpha"):
             return None, True
         alpha = self["alpha"]
         x, y = alpha if isinstance(alpha, (tuple, list)) else (alpha, alpha)
-        delta = False
+        delta: Any = False
         if self.known("alpha") is None:
             delta = (x <= 0) & (y <= 0)
             if delta is True:

@@ -49,11 +49,11 @@ def ways(stack: BoundStack, wi: Vector, above: bool) -> Ways:
         cosines[k] = _normal(interface, w, above)[1]
         up = _mirrored(interface, w, above)
         for j in reversed(passed):
-            up = mirror(_crossed(stack.interfaces[j], mirror(-up), not above))
+            up = mirror(crossed(stack.interfaces[j], mirror(-up), not above))
         axes[k] = _axis(up)
         if interface.opaque:
             return Ways([axes[i] for i in range(last + 1)], None, [cosines[i] for i in range(last + 1)])
-        w = -_crossed(interface, w, above)
+        w = -crossed(interface, w, above)
         passed.append(k)
     down = -w
     numbers = range(last + 1)
@@ -82,7 +82,7 @@ def _mirrored(interface: Interface, w: Vector, above: bool) -> Vector:
     return _outwards(interface, reflect(met, type(w)(0, 0, 1)), above, False)
 
 
-def _crossed(interface: Interface, w: Vector, above: bool) -> Vector:
+def crossed(interface: Interface, w: Vector, above: bool) -> Vector:
     """Snell's direction beyond, away from the surface (z < 0); along the interface where all is reflected."""
     met, cos = _normal(interface, w, above)
     eta = interface.ratio(above)

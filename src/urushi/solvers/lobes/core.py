@@ -11,6 +11,8 @@ from ...optics.vectors import Array, Vector, at_least, at_most, channels, total
 from ..bound import BoundStack
 from ..direct import direct, direct_is_certain
 from ..smooth import has_delta, smooth_energy, straight
+from ..tilt import ways
+from . import slopes
 from . import width as widths
 from .exit import Exit
 from .lobe import NARROWEST, Lobe
@@ -67,6 +69,10 @@ class LobesCore:
         uniform: bool = False,
     ) -> None:
         self.uniform = uniform
+        #: the stack with its normals, None where all interfaces are parallel; `stack` has them parallel
+        self.tilted = stack if stack.tilted else None
+        if stack.tilted:
+            stack = slopes.flattened(stack, symmetric)
         self.stack, self.spectrum, self.radiance = stack, spectrum, radiance
         self.symmetric, self.published = symmetric, published
         self.sides = (True,) if stack.opaque else (True, False)
@@ -99,6 +105,9 @@ class LobesCore:
             towards: direction whose difference to wi decides the energies, instead of wi itself (symmetric form).
         """
         seen = wi if towards is None else symmetric_direction(wi, towards)
+        turned = None
+        if self.tilted is not None:
+            seen, turned = slopes.seen(self.tilted, wi, above), ways(self.tilted, wi, above)
         answer = self.answer(seen, above)
         still = self.answer(seen, above, False) if self.forward else None
         axis = type(wi)(wi.x, wi.y, at_least(dr.abs(wi.z), 1e-6))
@@ -107,6 +116,8 @@ class LobesCore:
         first: Lobe | None = None
         alone = {} if still is None else {beam.layer: beam for beam in still.reflected}
         for beam in answer.reflected:
+            if turned is not None:
+                axis = turned.axes[beam.layer]
             unscattered = alone.get(beam.layer, beam)
             if beam.layer == outermost:
                 if unscattered.sharp is not True:
@@ -121,6 +132,8 @@ class LobesCore:
             tilt = at_most(ratio, 0.999999 / sin)
             z = dr.sqrt(at_least(1 - dr.square(sin * tilt), 1e-12))
             through = type(wi)(wi.x * tilt, wi.y * tilt, z)
+            if turned is not None and turned.through is not None:
+                through = turned.through
             unscattered_through = None if still is None else still.through
             lobes += self._split(answer.through, unscattered_through, through, False, "transmitted")
         return Found(lobes, first, answer.diffuse, answer.beyond)
@@ -156,7 +169,7 @@ class LobesCore:
     def eval(self, wi: Vector, wo: Vector) -> Array:
         """f |cos wo|."""
         if self.alone:
-            return self.spectrum(direct(self.stack, wi, wo) * self.scale(wi, wo))
+            return self.spectrum(direct(self.tilted or self.stack, wi, wo) * self.scale(wi, wo))
         value: Array = 0 * wi.x
         for above in self.sides:
             near = wi.z > 0 if above else wi.z < 0
@@ -186,7 +199,7 @@ class LobesCore:
 
     def _first(self, wi: Vector, wo: Vector, o: Vector, lobe: Lobe, above: bool) -> Array:
         """The lobe of the outermost interface: its own where that has a closed form."""
-        interface = self.stack.interfaces[0 if above else -1]
+        interface = (self.tilted or self.stack).interfaces[0 if above else -1]
         w = type(wi)(wi.x, wi.y, dr.abs(wi.z))
         if not interface.stochastic and not self.published:
             return interface.reflect(w, o, above)[0]

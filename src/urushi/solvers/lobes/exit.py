@@ -13,8 +13,10 @@ from typing import TYPE_CHECKING, Any
 import drjit as dr
 import numpy as np
 
+from ...interfaces import BoundDiffuse
 from ...optics.vectors import Array, Vector, at_least, channels
 from ..facet_lobe import Lobe
+from . import slopes
 from .medium import Particles
 from .operators import GRAZING, Boundary
 
@@ -35,6 +37,11 @@ class Exit:
 
     def __init__(self, core: LobesCore, above: bool) -> None:
         self.core, self.above = core, above
+        base = core.tilted is not None and core.tilted.interfaces[-1].tilted
+        scattering = any(medium is not None and medium.scatters for medium in core.stack.media)
+        #: a tilted base that is diffuse, and is seen through what does not scatter
+        diffuse = isinstance(core.stack.interfaces[-1], BoundDiffuse)
+        self._shaded = core.tilted if base and diffuse and above and not scattering else None
         self._whole: Array | None = None
         self._mean: Array | None = None
 
@@ -42,7 +49,8 @@ class Exit:
         """Per solid angle, cosine included; integrates to 1 over the side. o has z > 0."""
         if self._whole is None:
             self._whole = self._average(o, self._passing)
-        return self._passing(o) * o.z / (dr.pi * at_least(self._whole, 1e-6))
+        found = self._passing(o) * o.z / (dr.pi * at_least(self._whole, 1e-6))
+        return found if self._shaded is None else found * slopes.shade(self._shaded, o)
 
     def reciprocal(self, wi: Vector, wo: Vector) -> Array:
         """The diffuse part of f |cos o| in its symmetric form: m(wi) m(wo) / (pi mean m), m the diffuse energy."""

@@ -110,6 +110,7 @@ class LobesBSDF(BSDF):
             "precision": precision,
             "published": published,
             "symmetric": symmetric,
+            "reciprocal": core.tilted is None and (core.alone or (symmetric and core.stack.opaque)),
             "interfaces": len(core.stack.interfaces),
             "media": sum(medium is not None for medium in core.stack.media),
             "coloured": core.spectrum is not number_type(self._module, self.double),
@@ -256,7 +257,7 @@ class LobesBSDF(BSDF):
         if key not in self._cores:
             numbers = gather_numbers(self.stack, self.parameters, module, double, "lobes")
             bound = bind(self.stack, numbers.values, numbers.fixed)
-            unknown = [type(i).__name__ for i in bound.interfaces if not supports(i)]
+            unknown = [type(i).__name__ for i in bound.interfaces if not supports(getattr(i, "inner", i))]
             if unknown:
                 raise UnsupportedStack("lobes", [f"there are no operators for {', '.join(unknown)}"])
             spectrum = vector_type(module, double) if numbers.coloured else number_type(module, double)
