@@ -19,7 +19,7 @@ from typing import Any
 from urushi import llvm
 
 HERE = Path(__file__).resolve().parent
-PARTS = ("start", "evaluation", "noise", "complete", "adding", "memory", "pictures")
+PARTS = ("start", "evaluation", "noise", "complete", "adding", "memory", "pictures", "lobes")
 INTRODUCTION = """# Benchmarks
 
 Written by `make bench`; the same numbers are in [results.json](results.json). What each measures is in the file of its
