@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import time
 from collections.abc import Callable
 from functools import partial
 from typing import Any
@@ -11,47 +10,43 @@ import numpy as np
 
 from urushi.solvers import BSDF
 
-#: evaluations of the short run; the difference to a long one is free of what a call costs once
-SHORT, LONGEST = 1 << 10, 1 << 20
-#: seconds that one long run takes at least, if the longest does
-SECONDS = 0.03
+#: evaluations of a run: from the first of these, four times as many until it takes `SECONDS`, up to the last
+FEWEST, MOST = 1 << 12, 1 << 20
+SECONDS = 0.02
 ROUNDS = 7
 
 
 def nanoseconds(
     bsdfs: dict[str, BSDF], seed: int = 0, advance: Callable[[float], object] = lambda share: None
 ) -> tuple[dict[str, float], dict[str, float]]:
-    """Wall time of one `eval` and of one `sample`, by the name of each, on all threads of this machine."""
-    import drjit as dr
+    """Time of one `eval` and of one `sample`, by the name of each, on all threads of this machine.
 
+    It is that of the compiled kernels, as Dr.Jit reports it: what a renderer pays. Of several rounds, in which all take
+    their turn, the fastest counts; the others were disturbed.
+    """
     runs: dict[tuple[str, str], Callable[[Any], Any]] = {}
     for name, bsdf in bsdfs.items():
         runs[name, "eval"], runs[name, "sample"] = partial(_evaluated, bsdf), partial(_sampled, bsdf)
-    short = _lanes(SHORT, seed)
     lanes: dict[int, Any] = {}
-    longs: dict[tuple[str, str], Any] = {}
+    sizes: dict[tuple[str, str], int] = {}
     for i, (key, run) in enumerate(runs.items()):
-        _timed(dr, run, short)  # compiles
-        size = SHORT
-        while size < LONGEST:
-            size *= 4
-            longs[key] = lanes[size] = lanes[size] if size in lanes else _lanes(size, seed)
-            if _timed(dr, run, longs[key]) - _timed(dr, run, short) > SECONDS:
+        size = FEWEST
+        while True:
+            lanes[size] = lanes[size] if size in lanes else _lanes(size, seed)
+            _timed(run, lanes[size])  # compiles
+            if size == MOST or min(_timed(run, lanes[size]) for _ in range(2)) > SECONDS:
                 break
+            size *= 4
+        sizes[key] = size
         advance(0.5 * (i + 1) / len(runs))
-    taken: dict[tuple[str, str], list[tuple[float, float]]] = {key: [] for key in runs}
+    best = dict.fromkeys(runs, np.inf)
     for turn in range(ROUNDS):
         for key, run in runs.items():
-            taken[key].append((_timed(dr, run, short), _timed(dr, run, longs[key])))
+            best[key] = min(best[key], _timed(run, lanes[sizes[key]]))
         advance(0.5 + 0.5 * (turn + 1) / ROUNDS)
-    cost = {}
-    for key, times in taken.items():
-        size = len(longs[key][0].x)
-        long = min(b for _, b in times)
-        # The difference drowns where one evaluation costs next to nothing.
-        spent = max(long - min(a for a, _ in times), 0.05 * long)
-        cost[key] = 1e9 * spent / (size - SHORT)
-    return tuple({name: cost[name, what] for name in bsdfs} for what in ("eval", "sample"))  # type: ignore[return-value]
+    cost = {key: 1e9 * taken / sizes[key] for key, taken in best.items()}
+    evals, samples = ({name: cost[name, what] for name in bsdfs} for what in ("eval", "sample"))
+    return evals, samples
 
 
 def _evaluated(bsdf: BSDF, lanes: Any) -> Any:
@@ -63,11 +58,15 @@ def _sampled(bsdf: BSDF, lanes: Any) -> Any:
     return sample.wo, sample.weight, sample.pdf
 
 
-def _timed(dr: Any, run: Callable[[Any], Any], lanes: Any) -> float:
-    start = time.perf_counter()
-    dr.eval(run(lanes))
-    dr.sync_thread()
-    return time.perf_counter() - start
+def _timed(run: Callable[[Any], Any], lanes: Any) -> float:
+    """Seconds that the kernels of a run took."""
+    import drjit as dr
+
+    with dr.scoped_set_flag(dr.JitFlag.KernelHistory, True):
+        dr.kernel_history_clear()
+        dr.eval(run(lanes))
+        dr.sync_thread()
+        return 1e-3 * sum(max(kernel.get("execution_time", 0.0), 0.0) for kernel in dr.kernel_history())
 
 
 def _lanes(n: int, seed: int) -> Any:

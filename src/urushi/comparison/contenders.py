@@ -41,18 +41,24 @@ class Contender:
     bytes: int | None
 
 
-def contender(given: Any, stack: Stack, reference: BSDF) -> Contender:
-    """What was given, as a BSDF.
+def named(given: Any) -> bool:
+    """Whether it is the name of a plugin whose parameters come from the stack."""
+    return isinstance(given, str) and given in FITTED
 
-    Args:
-        given: the name of a plugin (see the module docstring), or anything that `urushi.adapters.answer.answer` takes.
-        stack: the description that it competes with.
-        reference: the solved stack, for the colour.
+
+def from_stack(plugin: str, stack: Stack, reference: BSDF) -> Contender:
+    """A plugin of `FITTED` with parameters for a stack; its colour is that of the solved stack `reference`."""
+    description = fitted(plugin, stack, reference.reflectance(UP)[0])
+    text = json.dumps(description)
+    return Contender(plugin, answer(description), f"parameters from the stack: {text}", len(text))
+
+
+def contender(given: Any) -> Contender:
+    """What was given, as a BSDF: anything that `urushi.adapters.answer.answer` takes.
+
+    Raises:
+        UrushiError: nothing that it takes.
     """
-    if isinstance(given, str) and given in FITTED:
-        description = fitted(given, stack, reference.reflectance(UP)[0])
-        text = json.dumps(description)
-        return Contender(given, answer(description), f"parameters from the stack: {text}", len(text))
     if isinstance(given, str) and not is_answer(given) and not Path(given).suffix:
         raise UrushiError(
             f"contender: found {given!r}; allowed: {', '.join(FITTED)}, a Mitsuba BSDF as JSON, or a file"

@@ -16,7 +16,7 @@ from urushi.solvers import BSDF, SOLVERS, choose, solve
 from urushi.stack import Stack, Texture
 
 from . import clock, reference
-from .contenders import Contender, contender
+from .contenders import Contender, contender, from_stack, named
 from .errors import against_walk, error_of, flux_of, render_noise, single_noise, uncertainty_of
 from .questions import View, views
 from .reference import Truth
@@ -89,11 +89,12 @@ def compare(
         )
     told: Progress = progress or (lambda share, what: None)
     llvm.ensure()
+    given = [one if named(one) else contender(one) for one in contenders]
     asked = views(stack)
     solved, build, cannot = _solve(stack, methods, accuracy, samples, seed, budget, told)
     truth = _truth(stack, asked, solved, accuracy, budget, reference_samples, seed, told)
     told(0.6, "contenders")
-    rivals = [contender(given, stack, truth.bsdf) for given in contenders]
+    rivals = [one if isinstance(one, Contender) else from_stack(one, stack, truth.bsdf) for one in given]
     rivals = _told_apart(rivals, methods)
     bsdfs = solved | {rival.name: rival.bsdf for rival in rivals}
     told(0.65, "errors")

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 from .report import Row
-from .words import nanoseconds, percent, seconds, size
+from .words import nanoseconds, percent, seconds, size, walks
 
 #: an error that hardly anybody sees, relative to the peak or to all the light
 UNSEEN = 0.03
+#: share of the light in the wrong place that nobody overlooks
+WRONG = 0.25
 
 
 def verdict(rows: list[Row], reference: str, samples: int) -> str:
@@ -62,12 +64,19 @@ def _lobes(row: Row, walked: bool) -> str:
     error = row.error
     if error is not None and max(error.rms or 0.0, error.misplaced or 0.0, error.reflectance) <= UNSEEN:
         text += ": good enough for a game and for looking around"
+    elif error is not None and (error.misplaced or 0.0) > WRONG:
+        text += ": not for this stack"
     else:
         text += ": for a game or a preview, not where the look must be right"
     if error is not None and error.largest is not None:
         text += f" (at most {percent(error.largest)} off, {error.where})"
     if row.match is not None and walked:
-        text += f"; {row.match:.0f} walk{'s' * (round(row.match) != 1)} an evaluation have as much noise as that error"
+        count = (
+            "a single walk has less noise"
+            if row.match < 1
+            else f"{walks(row.match)} walks have as much noise"
+        )
+        text += f"; {count} {'than' if row.match < 1 else 'as'} that error"
     return text + "."
 
 

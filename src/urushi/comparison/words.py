@@ -41,22 +41,33 @@ def cells(row: Row) -> list[str]:
         seconds(row.build),
         nanoseconds(row.eval_ns),
         percent(row.walk_noise),
-        "-" if row.match is None else f"{row.match:.3g}",
+        walks(row.match),
         percent(row.render_noise),
         size(row.bytes),
     ]
 
 
 def percent(value: float | None) -> str:
-    """A share, to two digits."""
+    """A share, to two digits; what is too small or too large to matter as such."""
     if value is None:
         return "-"
+    if 0 < value < 1e-5 or value > 10:
+        return "< 0.001 %" if value < 1 else "> 1000 %"
     return f"{100 * value:.2g} %" if 100 * value < 99.5 else f"{100 * value:.0f} %"
+
+
+def walks(value: float | None) -> str:
+    """How many walks."""
+    if value is None:
+        return "-"
+    return "< 1" if value < 1 else f"{value:,.0f}" if value < 1e6 else f"{value:.2g}".replace("e+0", "e")
 
 
 def plain(value: float | None) -> str:
     """A number, to two digits."""
-    return "-" if value is None else f"{value:.2g}"
+    if value is None:
+        return "-"
+    return "< 0.00001" if 0 < value < 1e-5 else f"{value:.2g}"
 
 
 def seconds(value: float | None) -> str:
