@@ -18,6 +18,7 @@ from urushi.adapters import native
 from urushi.adapters.native import file as native_file
 from urushi.adapters.native.packing import pack, shapes, unpack
 from urushi.errors import MaterialError, UrushiError
+from urushi.solvers.adding.refine import difference
 
 pytestmark = pytest.mark.skipif(
     not pytest.importorskip("drjit").has_backend(pytest.importorskip("drjit").JitBackend.LLVM),
@@ -42,7 +43,9 @@ OPEN = ur.Stack(
 SMOOTH = ur.Stack(name="glass", layers=[ur.Dielectric(ior=1.5)])
 #: diagnostics of what is made anew from the operators that were loaded
 LOOKED_UP = ("most_negative", "azimuthal_error", "azimuthal_terms", "table_bytes")
-STACKS = {"opaque": OPAQUE, "open": OPEN, "smooth": SMOOTH}
+#: its own mirror image, with light scattered once that needs no storing
+FOG = ur.Stack(layers=[ur.Medium(depth=1.0, albedo=0.9, phase=ur.HenyeyGreenstein(g=0.5))])
+STACKS = {"opaque": OPAQUE, "open": OPEN, "smooth": SMOOTH, "fog": FOG}
 
 
 @pytest.fixture(scope="module")
@@ -88,11 +91,38 @@ def test_what_is_saved_comes_back(solved, saved, rng, name, error):
     for order in range(one.matrices.orders):
         for side in sides:
             a, b = one.matrices.operator(order, *side), other.matrices.operator(order, *side)
-            assert np.abs(a - b).max() < (1e-7 if order == 0 else error)
+            assert np.abs(a - b).max() < error
     sample = other.sample(wi, rng.random((1000, 3)))
     ok = ~sample.delta & (sample.pdf > 0)
     ratio = other.eval(wi, sample.wo)[ok] / other.pdf(wi, sample.wo)[ok][:, None]
     assert np.allclose(sample.weight[ok], ratio, rtol=1e-4, atol=1e-7)
+
+
+def test_what_need_not_be_stored_is_not(solved, saved):
+    """A slab is seen alike from both sides, and its description has what is scattered once in it."""
+    header, _ = pack(solved["fog"].solution, 1e-4)
+    assert header["mirror"] and header["once"] == []
+    assert list(header["parts"]) == ["above to above", "above to below"]
+    with zipfile.ZipFile(saved("fog")) as archive:
+        written = json.loads(np.load(archive.open("header.npy")).tobytes())
+    assert written["once"] == list(header["parts"]) and written["terms"].keys() == {"1"}
+    with pytest.raises(MaterialError, match="scattered once"):
+        unpack(*pack(solved["fog"].solution, 1e-4, native_file._known(FOG)), {})
+    assert not pack(solved["open"].solution, 1e-4)[0]["mirror"]
+
+
+def test_slabs_are_five_times_smaller_than_layerlabs(tmp_path):
+    """At 1e-3, solution and file together: layerlab's file of the first has 11184 bytes, of the second 74 kB."""
+    for g, size in ((0.5, 11184), (0.8, 74000)):
+        stack = ur.Stack(
+            name=f"slab g {g}", layers=[ur.Medium(depth=1.0, albedo=0.9, phase=ur.HenyeyGreenstein(g=g))]
+        )
+        bsdf = ur.solve(stack, "adding")
+        assert 5 * native.save(bsdf, tmp_path / "slab.urushi.npz") <= size
+        loaded = native.load(tmp_path / "slab.urushi.npz")
+        told = loaded.diagnostics["estimated_error"] + loaded.diagnostics["file_error"]
+        best = ur.solve(stack, "adding", accuracy=1e-5)
+        assert difference(loaded.solution, best.solution) < told <= 1e-3
 
 
 def test_a_smaller_error_takes_a_larger_file(saved):
@@ -203,7 +233,10 @@ def reheaded(path, **changes):
 
 
 HEADERS = {
-    "urushi solved stack": 2,
+    "urushi solved stack": 1,
+    "mirror": True,
+    "terms": {"1": 10**9},
+    "once": ["above to below"],
     "colours": 10**9,
     "planes": 7,
     "closed_form": "magic",
@@ -238,16 +271,16 @@ def test_the_description_of_another_stack_is_refused(saved):
 @pytest.mark.parametrize(
     ("member", "content"),
     [
-        ("mean.npy", array([0.5, np.nan], "<f4")),
-        ("mean.npy", array([1, 2], "<i8")),
+        ("data.npy", array([0.5, 0.7], "<f4")),
+        ("data.npy", array([1, 2], "|u1")),
         (
-            "peaks.npy",
+            "data.npy",
             b"\x93NUMPY\x01\x00\x76\x00{'descr': '|O', 'fortran_order': False, 'shape': (9,)}"
             + b" " * 60
             + b"\n",
         ),
-        ("delta.npy", b"not an array"),
-        ("values.npy", None),
+        ("data.npy", b"not an array"),
+        ("data.npy", None),
     ],
 )
 def test_members_that_do_not_fit_are_refused(saved, member, content):
@@ -258,8 +291,8 @@ def test_members_that_do_not_fit_are_refused(saved, member, content):
 def test_a_value_that_is_no_number_is_refused(saved):
     def change(name, content):
         values = np.array(np.load(io.BytesIO(content)))
-        if name == "mean.npy":
-            values[3] = np.inf
+        if name == "data.npy":
+            values[12:16] = np.frombuffer(np.float32(np.inf).tobytes(), np.uint8)
         return array(values)
 
     with pytest.raises(MaterialError, match="not finite"):
@@ -269,9 +302,7 @@ def test_a_value_that_is_no_number_is_refused(saved):
 def test_a_bomb_is_refused_before_it_is_unpacked(saved):
     """A hundred megabytes of zeros in a hundred kilobytes, with a header that wants them."""
     path = saved("opaque")
-    bomb = rebuilt(
-        path, lambda name, old: array(np.zeros((4, 1 << 25), np.uint8)) if name == "values.npy" else old
-    )
+    bomb = rebuilt(path, lambda name, old: array(np.zeros(1 << 27, np.uint8)) if name == "data.npy" else old)
     tracemalloc.start()
     try:
         with pytest.raises(MaterialError, match="times as many"):

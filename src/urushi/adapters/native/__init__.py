@@ -4,6 +4,7 @@ The operators of a stack as integers, at steps that keep a stated error, without
 defined in `docs/solved-file.md`.
 
     packing   a `Solution` as a few arrays and a header, and back
+    symmetry, energies   what need not be stored twice, and what rounding may not take
     file      save, load: the same in a file, checked before anything is believed
 """
 

@@ -16,17 +16,19 @@ import numpy as np
 from urushi.errors import MaterialError, UrushiError
 from urushi.io import dumps, loads, replace
 from urushi.solvers.adding import build
+from urushi.solvers.adding.once import covers
 from urushi.solvers.adding.result import AddingBSDF
-from urushi.solvers.adding.solution import Solution
+from urushi.solvers.adding.solution import Block, Solution
+from urushi.solvers.adding.solver import scattered_once
 from urushi.stack import Stack
 
 from . import header as headers
-from .packing import pack, shapes, unpack
+from .packing import MOST, Known, pack, shapes, unpack
 
 ENDING = ".urushi.npz"
-#: bytes per number, by the name of the array
-TYPES = {"delta": "<f8", "peaks": "<f4", "mean": "<f4", "values": "|u1"}
-MEMBERS = ("header", *TYPES)
+#: what is in the data one after another, and the type of its numbers
+TYPES = {"delta": "<f4", "peaks": "<f4", "sums": "<i2", "values": "|u1"}
+MEMBERS = ("header", "data")
 #: numbers that each byte of a file may stand for; what packs better is stored as it is
 DENSEST = 32
 #: bytes of an array's own header, at most
@@ -40,7 +42,8 @@ def save(bsdf: AddingBSDF, path: str | os.PathLike[str], *, error: float | None 
         bsdf: what `solve(stack, "adding")` gave.
         path: a name ending in ``.urushi.npz``; an existing file is replaced once the new one is complete.
         error: what the file may add to the error of the BSDF, relative to its peak for the same angle of incidence,
-            1e-7 to 0.1; by default a tenth of the accuracy that the stack was solved to.
+            1e-7 to 0.1; by default what the solution left of the accuracy asked for, but a tenth of that at least, and
+            half of it at most.
 
     Returns:
         The size in bytes.
@@ -55,7 +58,10 @@ def save(bsdf: AddingBSDF, path: str | os.PathLike[str], *, error: float | None 
         if not name.endswith(ENDING):
             raise MaterialError(f"found another ending; allowed: {ENDING}")
         if error is None:
-            error = 0.1 * float(bsdf.solution.diagnostics.get("accuracy", 1e-3))
+            accuracy = float(bsdf.solution.diagnostics.get("accuracy", 1e-3))
+            left = accuracy - float(bsdf.solution.diagnostics.get("estimated_error", accuracy))
+            digits = f"{min(max(left, 0.1 * accuracy), 0.5 * accuracy, MOST):.9e}"
+            error = float(digits[:3] + digits[-4:])  # rounded down to two of them
         content = packed(bsdf.stack, bsdf.solution, error)
         replace(Path(os.path.realpath(os.fsdecode(path))), content)
     except MaterialError as fault:
@@ -117,9 +123,10 @@ def read(path: str | os.PathLike[str]) -> tuple[Stack, Solution]:
 
 def packed(stack: Stack, solution: Solution, error: float) -> bytes:
     """The whole file as bytes; see `save`."""
-    found, arrays = pack(solution, error)
+    found, arrays = pack(solution, error, _known(stack))
     text = headers.text(found, dumps(stack, "json"), solution.diagnostics)
-    members = {"header": np.frombuffer(text, np.uint8), **arrays}
+    data = b"".join(np.ascontiguousarray(arrays[name], kind).tobytes() for name, kind in TYPES.items())
+    members = {"header": np.frombuffer(text, np.uint8), "data": np.frombuffer(data, np.uint8)}
     stream = io.BytesIO()
     with zipfile.ZipFile(stream, "w") as archive:
         for name, array in members.items():
@@ -151,17 +158,39 @@ def _read(stream: Any, size: int) -> tuple[Stack, Solution]:
         text = _array(archive, entries["header.npy"], "|u1", None).tobytes()
         header, description, diagnostics = headers.parsed(text, size)
         expected = shapes(header)
-        arrays = {
-            name: _array(archive, entries[f"{name}.npy"], kind, expected[name])
-            for name, kind in TYPES.items()
-        }
-    for name in ("delta", "peaks", "mean"):
+        sizes = {name: math.prod(expected[name]) * np.dtype(kind).itemsize for name, kind in TYPES.items()}
+        data = _array(archive, entries["data.npy"], "|u1", (sum(sizes.values()),)).tobytes()
+    arrays, start = {}, 0
+    for name, kind in TYPES.items():
+        arrays[name] = np.frombuffer(data, kind, math.prod(expected[name]), start).reshape(expected[name])
+        start += sizes[name]
+    for name in ("delta", "peaks"):
         if not np.isfinite(arrays[name]).all():
             raise MaterialError("found a value that is not finite; allowed: numbers", where=name)
     stack = loads(description, "json")
     _check_stack(stack, header)
     diagnostics = {**diagnostics, "file_error": header["error"]}
-    return stack, unpack(header, arrays, diagnostics)
+    return stack, unpack(header, arrays, diagnostics, _known(stack))
+
+
+def _known(stack: Stack) -> Known:
+    """What the description says of the operators (see `packing`)."""
+    from urushi import llvm
+
+    llvm.ensure()
+    bound, _ = build.bind_numbers(stack)
+    phases = build.phase_functions(stack)
+
+    def known(
+        solution: Solution, side: tuple[bool, bool], blocks: list[tuple[range, int]]
+    ) -> list[Block] | None:
+        region = 1 if side[0] else len(bound.interfaces) - 1
+        sides = all(above or not bound.opaque for above in side)
+        if not (sides and covers(bound, *side) and region in solution.terms):
+            return None
+        return scattered_once(bound, phases, solution, side, blocks)
+
+    return known
 
 
 def _array(
@@ -200,7 +229,7 @@ def _check_stack(stack: Stack, header: dict[str, Any]) -> None:
     llvm.ensure()
     bound, colours = build.bind_numbers(stack)
     indices = build.indices(bound)
-    found = len(header["indices"]), header["colours"], "below to below" not in header["parts"]
+    found = len(header["indices"]), header["colours"], "above to below" not in header["parts"]
     allowed = len(indices), colours, bound.opaque
     if found != allowed or not np.allclose(header["indices"], indices, rtol=1e-9, atol=0):
         raise MaterialError(

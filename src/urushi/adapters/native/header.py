@@ -8,10 +8,11 @@ from itertools import pairwise
 from typing import Any
 
 from urushi.errors import MaterialError
+from urushi.solvers.adding.phase import MOST_TERMS
 
-from .packing import LEAST, MIRRORED, MOST, SIDES
+from .packing import LEAST, MIRRORED, MOST, PLANES, SIDES, UNDER
 
-VERSION = 1
+VERSION = 2
 #: nodes and orders, at most
 MOST_NODES, MOST_ORDERS = 4096, 1 << 14
 #: nodes that any file may have, and the square of how many each of its bytes allows
@@ -44,16 +45,22 @@ def parsed(content: bytes, size: int) -> tuple[dict[str, Any], str, dict[str, An
     except (ValueError, RecursionError) as fault:
         raise _wrong("header", str(fault)[:80], "JSON") from None
     keys = {"urushi solved stack", "stack", "diagnostics", "indices", "panels", "colours", "closed_form"}
-    keys |= {"forward", "error", "deltas", "parts", "planes"}
+    keys |= {"forward", "terms", "error", "mirror", "once", "deltas", "parts", "planes"}
+    if isinstance(data, dict) and data.get("urushi solved stack", VERSION) != VERSION:
+        raise _wrong(
+            "urushi solved stack",
+            data["urushi solved stack"],
+            f"version {VERSION} of the format; save the stack again",
+        )
     if not isinstance(data, dict) or set(data) != keys:
         found = sorted(data)[:20] if isinstance(data, dict) else type(data).__name__
         raise _wrong("header", found, f"a mapping with the keys {', '.join(sorted(keys))}")
-    if data["urushi solved stack"] != VERSION:
-        raise _wrong("urushi solved stack", data["urushi solved stack"], f"version {VERSION} of the format")
     if not _whole(data["colours"], 1, 4):
         raise _wrong("colours", data["colours"], "1 to 4")
-    if not _whole(data["planes"], 0, 4):
-        raise _wrong("planes", data["planes"], "0 to 4")
+    if not _whole(data["planes"], 0, PLANES):
+        raise _wrong("planes", data["planes"], f"0 to {PLANES}")
+    if type(data["mirror"]) is not bool:
+        raise _wrong("mirror", data["mirror"], "true, false")
     if data["closed_form"] not in ("interface", "single", None):
         raise _wrong("closed_form", data["closed_form"], "interface, single, null")
     if not _number(data["error"], LEAST, MOST):
@@ -102,16 +109,27 @@ def _check_grid(data: dict[str, Any], size: int) -> None:
         k.isdecimal() and len(k) < 9 and _number(v, 0, 1) for k, v in forward.items()
     ):
         raise _wrong("forward", forward, "regions and shares from 0 to 1")
+    terms = data["terms"]
+    if not isinstance(terms, dict) or not all(
+        k.isdecimal() and len(k) < 9 and _whole(v, 1, min(MOST_TERMS, 4 * nodes)) for k, v in terms.items()
+    ):
+        raise _wrong("terms", terms, f"regions and numbers of terms, 1 to {MOST_TERMS}")
 
 
 def _check_parts(data: dict[str, Any]) -> None:
     parts, deltas, opaque = data["parts"], data["deltas"], ["above to above"]
     stored = [name for name in SIDES if name != MIRRORED]
-    if not isinstance(parts, dict) or list(parts) not in (opaque, stored):
-        raise _wrong("parts", list(parts)[:9] if isinstance(parts, dict) else parts, f"{opaque} or {stored}")
-    sides = list(SIDES) if len(parts) > 1 else opaque
-    if not isinstance(deltas, dict) or list(deltas) != [name for name in sides if name in deltas]:
-        raise _wrong("deltas", deltas, f"some of {', '.join(sides)}, in this order")
+    allowed = [stored[: stored.index(UNDER)]] if data["mirror"] else [opaque, stored]
+    if not isinstance(parts, dict) or list(parts) not in allowed:
+        found = list(parts)[:9] if isinstance(parts, dict) else parts
+        raise _wrong("parts", found, " or ".join(map(str, allowed)))
+    if data["mirror"] and data["indices"][0] != data["indices"][-1]:
+        raise _wrong("mirror", True, "false where the regions outside differ")
+    if not isinstance(deltas, dict) or list(deltas) != [name for name in parts if name in deltas]:
+        raise _wrong("deltas", deltas, f"some of {', '.join(parts)}, in this order")
+    once = data["once"]
+    if not isinstance(once, list) or once != [name for name in parts if name in once]:
+        raise _wrong("once", once, f"some of {', '.join(parts)}, in this order")
     counts = [sum(c for n, c in data["panels"] if n <= data["indices"][k] * (1 + 1e-9)) for k in (0, -1)]
     for name, count in deltas.items():
         most = min(counts[0 if above else 1] for above in SIDES[name])

@@ -70,11 +70,24 @@ class MediumLayer:
         phase: its phase function as a series.
         grid, region: the nodes.
         tolerance: what of the phase function may be left out, relative to its peak.
+        terms: how many terms of it to take instead.
     """
 
-    def __init__(self, medium: BoundMedium, phase: Phase, grid: Grid, region: int, tolerance: float) -> None:
+    def __init__(
+        self,
+        medium: BoundMedium,
+        phase: Phase,
+        grid: Grid,
+        region: int,
+        tolerance: float = 0.0,
+        terms: int | None = None,
+    ) -> None:
         self.mu, self.weights = grid.mu[region], grid.weights[region]
-        self.truncated = Truncated.fit(phase, self.mu, self.weights, tolerance)
+        self.truncated = (
+            Truncated.fit(phase, self.mu, self.weights, tolerance)
+            if terms is None
+            else Truncated.of(phase, terms)
+        )
         depth, albedo = numbers(medium.depth), numbers(medium.albedo)
         self.depth, self.albedo = self.truncated.scale(depth, albedo)
         scatters = medium.scatters and bool(self.albedo.any() and self.depth.any())

@@ -70,7 +70,11 @@ def refine(
         if progress is not None:
             progress(*history[-1])
         if error <= accuracy or not more:
-            found = {"estimated_error": error, "accuracy": accuracy, "seconds": time.perf_counter() - start}
+            found = {
+                "estimated_error": error,
+                "accuracy": accuracy,
+                "seconds": round(time.perf_counter() - start, 4),
+            }
             return replace(fine, diagnostics={**fine.diagnostics, **found, "history": history})
         counts = [int(np.ceil(GROWTH * n)) for n in counts]
         if sum(counts) > MOST_NODES:

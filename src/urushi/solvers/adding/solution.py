@@ -69,6 +69,7 @@ class Solution:
         diagnostics: sizes, time, estimated error, reasons.
         forward: by region, the share of the light scattered there that the solver counted as not scattered (delta-M);
             regions without such a share may be missing.
+        terms: by region, the number of terms that the solver took of its phase function; {} where that is not known.
     """
 
     grid: Grid
@@ -77,3 +78,4 @@ class Solution:
     colours: int
     diagnostics: dict[str, Any]
     forward: dict[int, float] = field(default_factory=dict)
+    terms: dict[int, int] = field(default_factory=dict)

@@ -19,13 +19,13 @@ from . import once
 from .basis import Grid
 from .layers import Layer, MediumLayer, SmoothLayer
 from .operator import OPERATORS, Operator
+from .phase import Phase
 from .solution import Block, Part, Solution
 
 #: bytes that the dense arrays of one layer may take at a time
 MEMORY = 1 << 26
-#: the search ends after so many orders in a row that hold next to nothing; those at the end that hold less than this
-#: share of it are not kept
-QUIET, TAIL = 4, 0.3
+#: the search ends after so many orders in a row that hold next to nothing
+QUIET = 4
 #: more orders than this are not looked for
 MOST_ORDERS = 1 << 14
 
@@ -92,7 +92,7 @@ def solve_on(
         heights = np.append(heights, height)
         if len(_loud(heights, tolerance)) + QUIET <= len(heights):
             break
-    used = len(heights) if complete else max(len(_loud(heights, TAIL * tolerance)), 1)
+    used = len(heights) if complete else max(len(_loud(heights, tolerance)), 1)
     for every in (blocks, rest):
         for side in sides:
             every[side] = [_cut(block, used) for block in every[side] if block.orders.start < used]
@@ -164,13 +164,52 @@ def _closed(
         medium = layers[1 if above else -2]
         if not isinstance(medium, MediumLayer):
             continue
-        outer = slabs[0] if above else slabs[-1].turned_over()
-        r, t = medium.once(orders, first)
-        if once.covers(stack, above, above):
-            found[above, above] = outer.t_up @ (r @ outer.t_down)
-        if once.covers(stack, above, not above):
-            beyond = slabs[-1] if above else slabs[0].turned_over()
-            found[above, not above] = beyond.t_down @ (t @ outer.t_down)
+        for same in (True, False):
+            if once.covers(stack, above, above == same):
+                ends = slabs[0], slabs[-1]
+                found[above, above == same] = _once(medium, ends, (above, above == same), orders, first)
+    return found
+
+
+def _once(
+    medium: MediumLayer, ends: tuple[Slab, Slab], side: tuple[bool, bool], orders: range, first: int
+) -> Operator:
+    """Light scattered once behind a smooth interface, of which `ends` has the uppermost and the lowest."""
+    top, bottom = ends if side[0] else (ends[1].turned_over(), ends[0].turned_over())
+    r, t = medium.once(orders, first)
+    found: Operator = top.t_up @ (r @ top.t_down) if side[0] == side[1] else bottom.t_down @ (t @ top.t_down)
+    return found
+
+
+def scattered_once(
+    stack: BoundStack,
+    phases: Sequence[Phase],
+    solution: Solution,
+    side: tuple[bool, bool],
+    blocks: Sequence[tuple[range, int]],
+) -> list[Block]:
+    """What `Part.rest` has where a stack covers light scattered once, out of its closed form.
+
+    Args:
+        stack: with its numbers; `once.covers` its `side`.
+        phases: those of its media.
+        solution: its grid, terms and colours.
+        side: (from above, to above).
+        blocks: orders and first node of each block.
+    """
+    grid, last = solution.grid, len(stack.interfaces) - 1
+    region = 1 if side[0] else last
+    medium = stack.media[region]
+    assert medium is not None
+    layer = MediumLayer(medium, phases[0 if side[0] else -1], grid, region, terms=solution.terms[region])
+    outer = {k: SmoothLayer(stack.interfaces[k], grid, k) for k in {0 if above else last for above in side}}
+    found = []
+    for orders, first in blocks:
+        slabs = {k: smooth.slab(orders, first) for k, smooth in outer.items()}
+        ends = slabs.get(0, slabs[max(slabs)]), slabs.get(last, slabs[min(slabs)])
+        operator = _once(layer, ends, side, orders, first)
+        if operator.dense is not None:
+            found.append(_block(orders, first, operator.dense, solution.colours))
     return found
 
 

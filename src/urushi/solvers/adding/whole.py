@@ -87,6 +87,7 @@ class _Problem:
         regions = [r for r, medium in enumerate(bound.media) if medium is not None]
         for region, medium in zip(regions, media, strict=True):
             found.forward[region] = medium.truncated.forward
+            found.terms[region] = len(medium.truncated.moments)
         return found
 
     def counts(self, nodes: int | Sequence[int] | None) -> list[int]:
