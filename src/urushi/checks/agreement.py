@@ -40,7 +40,7 @@ def check(answers: Answers, quick: bool) -> Report:
             integral = _integrated(few, w, patch, scale, 300 + i)
             both = {
                 "the mean weight of sample": carried[k],
-                "the integral of eval": (integral[0] + delta[k], integral[1]),
+                "the integral of eval": (integral[0] + delta[k][0], np.hypot(integral[1], delta[k][1])),
             }
             for name, (value, value_error) in both.items():
                 spread = np.hypot(np.hypot(error, value_error), SURE * np.abs(flux))
@@ -71,13 +71,13 @@ def compared(bsdf: BSDF, wi: np.ndarray, scale: int = 4) -> dict[str, tuple[np.n
     for k, (patch, name) in enumerate(zip(patches(bsdf.stack, wi), found, strict=True)):
         value, error = _integrated(bsdf, wi, patch, scale, 300)
         said[f"{name}, by the weight of sample"] = carried[k]
-        said[f"{name}, by the integral of eval"] = value + delta[k], error
+        said[f"{name}, by the integral of eval"] = value + delta[k][0], np.hypot(error, delta[k][1])
     return said
 
 
 def _sampled(
     bsdf: BSDF, wi: np.ndarray, n: int, stream: int
-) -> tuple[list[tuple[np.ndarray, np.ndarray]], list[np.ndarray]]:
+) -> tuple[list[tuple[np.ndarray, np.ndarray]], list[tuple[np.ndarray, np.ndarray]]]:
     """Mean weight with its error, to the side of wi and to the other; and what the delta parts carry, as flux."""
     there = np.broadcast_to(wi, (n, 3))
     sample = bsdf.sample(there, numbers(n, stream))
@@ -89,7 +89,8 @@ def _sampled(
         part = np.where(side, weight, 0)
         means.append((part.mean(axis=0), part.std(axis=0) / np.sqrt(n)))
         smooth = sample.delta & side[:, 0]
-        deltas.append(weight[smooth].mean(axis=0) * share if smooth.any() else np.zeros(weight.shape[1]))
+        carried = weight[smooth] * share if smooth.any() else np.zeros((1, weight.shape[1]))
+        deltas.append((carried.mean(axis=0), carried.std(axis=0) / np.sqrt(len(carried))))
     return means, deltas
 
 

@@ -58,7 +58,12 @@ def total(bsdf: BSDF, wi: np.ndarray, tolerance: float) -> tuple[float, float, f
 
 
 def delta_parts(bsdf: BSDF, wi: np.ndarray, n: int = 8192) -> tuple[float, float]:
-    """Probability of the delta part on the side of wi and on the other, by going through the first number of u."""
+    """Probability of the delta part on the side of wi and on the other, by going through the first number of u.
+
+    Smooth interfaces with normals of their own draw the side at random, with one probability for both: there it counts.
+    """
+    tilted = any(getattr(layer, "normal", None) is not None for layer in getattr(bsdf.stack, "layers", ()))
+    n = n << 5 if tilted else n
     u = np.full((n, 3), 0.5)
     u[:, 0] = (np.arange(n) + 0.5) / n
     sample = bsdf.sample(np.broadcast_to(wi, (n, 3)), u)
@@ -66,5 +71,6 @@ def delta_parts(bsdf: BSDF, wi: np.ndarray, n: int = 8192) -> tuple[float, float
     same = sample.wo[:, 2] * wi[2] > 0
     for side in (same, ~same):
         rows = sample.delta & side & (sample.pdf > 0)
-        found.append(float(sample.pdf[rows].mean()) if rows.any() else 0.0)
+        probability = float(rows.mean()) if tilted else float(sample.pdf[rows].mean()) if rows.any() else 0.0
+        found.append(probability)
     return found[0], found[1]

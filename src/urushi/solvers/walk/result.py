@@ -83,6 +83,7 @@ class WalkBSDF(BSDF):
             "media": sum(medium is not None for medium in core.stack.media),
             "coloured": core.spectrum is not number_type(self._module, self.double),
             "delta_parts": has_delta(core.stack),
+            "reciprocal": not core.stack.tilted,
             "estimated_error": "none but noise: eval(..., with_error=True) gives the standard error",
         }
 
