@@ -16,13 +16,13 @@ RUBY, SKIN, PLASTIC = "preset:enamel-on-gold", "preset:skin", "preset:plastic"
 FROSTED, MILKY, PAINT = "preset:frosted-glass", "preset:milky-glass", "preset:car-paint"
 
 PICTURES: dict[str, Callable[[], Any]] = {
-    "polar": lambda: ur.plot.polar([FROSTED, MILKY], theta=30, samples=16384),
-    "hemisphere": lambda: ur.plot.hemisphere("preset:brushed-metal-lacquer", theta=30, samples=4096),
+    "polar": lambda: ur.plot.polar([FROSTED, MILKY], theta=30, samples=8192),
+    "hemisphere": lambda: ur.plot.hemisphere("preset:brushed-metal-lacquer", theta=30, samples=1024),
     "lobe3d": lambda: ur.plot.lobe3d([RUBY, FROSTED], theta=40, samples=2048),
-    "slice": lambda: ur.plot.slice([PLASTIC, RUBY, SKIN], samples=1024),
-    "albedo": lambda: ur.plot.albedo(SKIN, samples=16384),
+    "slice": lambda: ur.plot.slice([PLASTIC, RUBY, SKIN], samples=512),
+    "albedo": lambda: ur.plot.albedo(SKIN, samples=8192),
     "albedo-curves": lambda: ur.plot.albedo([MILKY, PAINT, "preset:brushed-metal-lacquer"]),
-    "patches": lambda: ur.plot.patches([RUBY, SKIN, PAINT, PLASTIC, "preset:urushi-red"], samples=16384),
+    "patches": lambda: ur.plot.patches([RUBY, SKIN, PAINT, PLASTIC, "preset:urushi-red"]),
     "section": lambda: ur.plot.section([RUBY, SKIN]),
     "sphere": lambda: ur.plot.sphere([RUBY, "preset:varnished-wood", PAINT], spp=512),
 }
