@@ -11,7 +11,7 @@ import numpy as np
 from urushi.solvers import BSDF
 
 from .chance import numbers, sigmas
-from .normalisation import delta_parts
+from .normalisation import delta_parts, tilted
 from .report import Answers, Report, row
 from .sphere import Patch, patches, radiance, views
 
@@ -90,6 +90,8 @@ def _sampled(
         means.append((part.mean(axis=0), part.std(axis=0) / np.sqrt(n)))
         smooth = sample.delta & side[:, 0]
         carried = weight[smooth] * share if smooth.any() else np.zeros((1, weight.shape[1]))
+        if tilted(bsdf):  # where the side is drawn, too, all samples tell how often
+            carried = part * sample.delta[:, None]
         deltas.append((carried.mean(axis=0), carried.std(axis=0) / np.sqrt(len(carried))))
     return means, deltas
 

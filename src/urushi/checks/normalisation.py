@@ -62,8 +62,7 @@ def delta_parts(bsdf: BSDF, wi: np.ndarray, n: int = 8192) -> tuple[float, float
 
     Smooth interfaces with normals of their own draw the side at random, with one probability for both: there it counts.
     """
-    tilted = any(getattr(layer, "normal", None) is not None for layer in getattr(bsdf.stack, "layers", ()))
-    n = n << 5 if tilted else n
+    n = n << 5 if tilted(bsdf) else n
     u = np.full((n, 3), 0.5)
     u[:, 0] = (np.arange(n) + 0.5) / n
     sample = bsdf.sample(np.broadcast_to(wi, (n, 3)), u)
@@ -71,6 +70,13 @@ def delta_parts(bsdf: BSDF, wi: np.ndarray, n: int = 8192) -> tuple[float, float
     same = sample.wo[:, 2] * wi[2] > 0
     for side in (same, ~same):
         rows = sample.delta & side & (sample.pdf > 0)
-        probability = float(rows.mean()) if tilted else float(sample.pdf[rows].mean()) if rows.any() else 0.0
+        probability = (
+            float(rows.mean()) if tilted(bsdf) else float(sample.pdf[rows].mean()) if rows.any() else 0.0
+        )
         found.append(probability)
     return found[0], found[1]
+
+
+def tilted(bsdf: BSDF) -> bool:
+    """Whether any interface is described with a normal of its own."""
+    return any(getattr(layer, "normal", None) is not None for layer in getattr(bsdf.stack, "layers", ()))
