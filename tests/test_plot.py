@@ -17,6 +17,7 @@ from urushi.plot.lobe3d import grid
 from urushi.plot.polar import DECADES, curve, scale
 from urushi.plot.slice import image as slice_image
 from urushi.plot.slice import pair
+from urushi.solvers import BSDF
 
 COAT = ur.Stack(
     name="coat", layers=[ur.Dielectric(ior=1.5, alpha=0.3), ur.Diffuse(reflectance=(0.8, 0.4, 0.1))]
@@ -244,6 +245,17 @@ def test_the_curves_are_reflectance_and_transmittance():
     np.testing.assert_allclose(r.get_ydata(), luminance(bsdf.reflectance(wi)), rtol=1e-6)
     np.testing.assert_allclose(through.get_ydata(), luminance(bsdf.transmittance(wi)), rtol=1e-6)
     assert named(axes, "curve-1-r") and not named(axes, "curve-1-t")
+
+
+def test_a_bsdf_without_layers_is_drawn_as_a_curve(coat):
+    class Plain(type(coat)):
+        absorption = BSDF.absorption
+
+    plain = Plain(COAT)
+    (axes,) = plot.albedo(plain, steps=3).axes
+    assert named(axes, "curve-0-r")
+    with pytest.raises(UrushiError, match="knows nothing of what is inside"):
+        plot.albedo(plain, steps=3, ledger=True)
 
 
 def test_patches_have_the_colour_of_the_albedo():

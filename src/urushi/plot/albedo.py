@@ -12,6 +12,7 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
 from urushi.errors import UrushiError
+from urushi.solvers import BSDF
 
 from . import style
 from .subjects import Subject, estimated, spread, subjects
@@ -58,7 +59,7 @@ def albedo(
         materials: one or several: `Stack`, path, ``preset:NAME`` or solved `BSDF`.
         method: one or several; for materials that are not solved yet.
         labels: names of the panels or curves.
-        ledger: areas or curves; None for areas of one material and curves of several.
+        ledger: areas or curves; None for areas of one material that has layers, and curves of several.
         channel: "luminance", "red", "green" or "blue".
         samples: walks per angle, where the walk is the method.
         steps: angles from 0 to 88 degrees, at least 2.
@@ -70,7 +71,8 @@ def albedo(
     if steps < 2:
         raise UrushiError(f"steps: found {steps}; allowed: at least 2")
     shown = subjects(materials, method, labels, samples, **options)
-    ledger = len(shown) == 1 if ledger is None else ledger
+    if ledger is None:
+        ledger = len(shown) == 1 and type(shown[0].bsdf).absorption is not BSDF.absorption
     if ledger and len(shown) > MOST:
         raise UrushiError(f"materials: found {len(shown)}; allowed: at most {MOST} with ledger=True")
     degrees = np.linspace(0.0, GRAZING, steps)
