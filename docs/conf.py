@@ -24,7 +24,8 @@ myst_heading_anchors = 4
 exclude_patterns = ["_build", "_ext", "data"]
 suppress_warnings = ["myst.header"]
 nitpicky = True
-nitpick_ignore_regex = [("py:class", r"(numpy|collections)\..*")]  # the pages of others are not linked to
+# The pages of others are not linked to, and of two attributes in one line napoleon takes the first for a type.
+nitpick_ignore_regex = [("py:class", r"(numpy|collections|urushi\.comparison)\..*|[a-z_]+")]
 
 autodoc_typehints = "none"
 autodoc_member_order = "bysource"
