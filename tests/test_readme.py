@@ -54,7 +54,7 @@ def test_every_example_runs(page, mi, registries, tmp_path, monkeypatch):
             Path("enamel.yaml").write_text(text, "utf-8")
             ur.load("enamel.yaml")
         elif language == "python":
-            exec(compile(text, page, "exec"), namespace)
+            exec(compile(text, page, "exec", dont_inherit=True), namespace)
         elif language == "xml":
             scene = f'<scene version="3.0.0">{text}</scene>'
             loaded = mi.load_string(scene, parallel=False)
