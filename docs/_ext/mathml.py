@@ -59,7 +59,7 @@ def display(writer: Any, node: Any) -> None:
     writer.body.append(converted(node, True))
     if label := node.get("label"):
         writer.body.append(
-            f'<a class="number headerlink-free" href="#equation-{nodes.make_id(label)}">({label})</a>'
+            f'<a class="number" href="#equation-{nodes.make_id(label)}">({label})</a>'
         )
     writer.body.append("</div>\n")
     raise nodes.SkipNode
