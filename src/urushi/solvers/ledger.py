@@ -6,7 +6,7 @@ A ledger has one row for each layer of the description. What is missing from the
     lost       at a rough interface that scatters once: what its facets send into other facets
                (`multiple_scattering` gives it back)
 
-and with what is reflected and transmitted all of it adds up to 1.
+and with what is reflected and transmitted all of it adds up to 1 (theory (adding.11)).
 """
 
 from __future__ import annotations

@@ -3,7 +3,7 @@
 The mean of f / p over directions drawn from p is right whatever p is, so p need not follow the parameters:
 directions, distances and choices are sampled by a copy of the stack whose numbers are detached from the derivative,
 and every event multiplies the path by its live flux density over that detached density ("detached sampling", theory
-(walk.15), Zeltner et al. 2021, Monte Carlo Estimators for Differential Light Transport). No derivative of a choice is
+(walk.17), Zeltner et al. 2021, Monte Carlo Estimators for Differential Light Transport). No derivative of a choice is
 lost, since none is taken. What a smooth interface does to a direction has no density; there the direction itself
 carries the derivative.
 
