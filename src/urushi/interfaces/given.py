@@ -52,8 +52,8 @@ class Given:
         """Roughness along two axes and the angle of the first, with what a normal map adds to it.
 
         A normal map too fine to be seen spreads slopes by its variance: alpha^2 / 2 is that of Beckmann's facets, so
-        twice the variance adds to alpha^2 (Olano & Baker 2010; theory (lobes.13)); so it does here for either distribution. Such an
-        interface is rough everywhere, 1e-4 at least. None where nothing is added.
+        twice the variance adds to alpha^2 (Olano & Baker 2010; theory (lobes.13)); so it does here for either
+        distribution. Such an interface is rough everywhere, 1e-4 at least. None where nothing is added.
         """
         if f"{self.name}.slope_variance" not in self.values or self.is_zero("slope_variance"):
             return None
@@ -69,6 +69,10 @@ class Given:
         # Where both axes are alike any will do, and the angle must not depend on rounding.
         angle = 0.5 * dr.atan2(xy, half + dr.select(length > 1e-9, 0.0, 1.0))
         return dr.sqrt(mean + length), dr.sqrt(at_least(mean - length, 0)), angle * (180 / dr.pi)
+
+    def isotropic(self) -> bool:
+        """Whether the roughness is certainly the same in all directions."""
+        return not isinstance(self["alpha"], (tuple, list)) and self.widened() is None
 
     def facets(self) -> tuple[Microfacets | None, Any]:
         """Microfacets (None when smooth everywhere) and the mask of smooth lanes (True or False where certain)."""

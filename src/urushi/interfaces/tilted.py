@@ -8,9 +8,9 @@ two is *folded*:
     light that leaves on the wrong side of the surface is mirrored in the plane of the surface
 
 So nothing is lost: an interface that keeps all light keeps it with any normal (theory (walk.15, walk.16)). Elsewhere
-(nearly everywhere, at small tilts) it is classical normal mapping, f cos(n, o), as in Mitsuba's `normalmap`. As that it is not reciprocal: what a
-fixed normal reflects from w to o and from o to w differs by the ratio of cosines to n and to the surface. Guo et al.
-2018 (section 4.4 and their code) drop the light in between.
+(nearly everywhere, at small tilts) it is classical normal mapping, f cos(n, o), as in Mitsuba's `normalmap`. As that
+it is not reciprocal: what a fixed normal reflects from w to o and from o to w differs by the ratio of cosines to n
+and to the surface. Guo et al. 2018 (section 4.4 and their code) drop the light in between.
 
 A solver that follows light backwards needs `towards`: from where light came into a direction.
 
