@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import importlib.util
+import json
 import re
 import shutil
 import subprocess
 import sys
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -113,6 +115,36 @@ def test_included_parts_of_other_files_are_there():
             marks = dict(re.findall(r'^:(start-after|end-before): "(.*)"$', options, re.MULTILINE))
             start = whole.index(marks["start-after"]) if "start-after" in marks else 0
             assert "end-before" not in marks or whole.index(marks["end-before"]) > start
+
+
+def validation_faults(found: dict[str, Any]) -> list[str]:
+    """Where the stored comparisons do not bear out what the page says of them."""
+    faults = [f"no {key}" for key in ("date", "processor", "urushi") if key not in found["machine"]]
+    for name, source in found["sources"].items():
+        walk, adding = (source["methods"][method]["values"] for method in ("walk", "adding"))
+        faults += [
+            f"{name}: walk {key}" for key, one in walk.items() if one["rms"] > 1.3 or one["worst"] > 4.5
+        ]
+        faults += [
+            f"{name}: adding {key}"
+            for key, one in adding.items()
+            if one["largest"] > max(2.5e-3, 5 * one["known"])
+        ]
+    for name, one in found["presets"].items():
+        if "walk" in one and one["worst"] > 4.5:
+            faults.append(f"{name}: walk")
+    return faults
+
+
+def test_the_stored_validation_is_whole_and_says_what_the_page_says():
+    found = json.loads((DOCS / "data" / "validation.json").read_text("utf-8"))
+    kept = {path.stem for path in (ROOT / "tests" / "data").glob("*.json")}
+    assert set(found["sources"]) <= kept and len(found["sources"]) == 6
+    assert set(found["presets"]) == set(urushi.presets())
+    assert validation_faults(found) == []
+    found["sources"]["pbrt"]["methods"]["adding"]["values"]["f"]["largest"] = 0.01
+    found["sources"]["guo"]["methods"]["walk"]["values"]["f"]["worst"] = 6.0
+    assert validation_faults(found) == ["guo: walk f", "pbrt: adding f"]
 
 
 @pytest.mark.slow
