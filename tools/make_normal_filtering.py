@@ -19,9 +19,9 @@ from urushi.adapters.picture import write
 IMAGE = Path(__file__).resolve().parent.parent / "docs" / "images" / "normal-filtering.png"
 LACQUER = ur.Stack(
     layers=[
-        ur.Dielectric(ior=1.5, alpha=0.05, normal=(0, 0, 1), slope_variance=(0, 0, 0)),
+        ur.Dielectric(ior=1.5, alpha=0.05),
         ur.Medium(depth=(0.1, 0.9, 1.2), albedo=0.0),
-        ur.Conductor(material="Al", alpha=0.15, normal=(0, 0, 1), slope_variance=(0, 0, 0)),
+        ur.Conductor(material="Al", alpha=0.15),
     ]
 )
 SIDE, SEED = 144, 1
@@ -53,14 +53,14 @@ def ball() -> tuple[np.ndarray, np.ndarray, list[np.ndarray]]:
 
 
 def seen(method: str, normal: np.ndarray, variance: np.ndarray, **options: int) -> np.ndarray:
-    """(pixels, 3) light of the ball, the mean over normals (texels, 3): the lacquer lies on the ripples of its base."""
+    """(pixels, 3) light of the ball, the mean over normals (texels, 3) of the surface of the lacquer."""
     _, wi, lights = ball()
     texels, batch, rng = len(normal), min(len(normal), 32), np.random.default_rng(SEED)
     total, many = np.zeros((len(wi), 3)), [np.tile(w, (batch, 1)) for w in (wi, *lights)]
     for first in range(0, texels, batch):
         here = np.repeat(normal[first : first + batch], len(wi), axis=0)
-        given = {f"layer_{i}.normal": here for i in (0, 2)}
-        given |= {f"layer_{i}.slope_variance": variance for i in (0, 2)} if variance.any() else {}
+        given = {"layer_0.normal": here}
+        given |= {"layer_0.slope_variance": variance} if variance.any() else {}
         bsdf = ur.solve(LACQUER, method, parameters=given, **options)
         for wo, (_, power) in zip(many[1:], LIGHTS, strict=True):
             # The walk's random numbers are a function of the directions: a little noise, or all texels have the same.
@@ -78,7 +78,9 @@ def main() -> None:
     truth = seen("walk", slopes.normal().reshape(-1, 3), none, samples=1)
     panels = [truth, seen("lobes", one, mean.variance()), seen("lobes", one, none)]
     print("variance of slopes", mean.variance().round(4))
-    for name, panel in zip(("lobes, filtered", "lobes, not filtered"), panels[1:], strict=True):
+    walked = seen("walk", one, mean.variance(), samples=256)
+    names = "lobes, filtered", "lobes, not filtered", "the walk, filtered"
+    for name, panel in zip(names, [*panels[1:], walked], strict=True):
         error = np.sqrt(np.mean((panel - truth) ** 2) / np.mean(truth**2))
         print(f"{name}: relative RMSE {error:.3f}, mean {panel.mean() / truth.mean():.3f} of the truth")
     shown, picture = ball()[0], np.full((SIDE, 3 * SIDE, 3), 0.0)

@@ -237,7 +237,7 @@ class CompensatedConductor(Compensated):
         if single.delta is True:
             return single, index, known
         assert isinstance(single, BoundConductor)
-        return cls(single, not isinstance(given["alpha"], (tuple, list))), index, known
+        return cls(single, given.isotropic()), index, known
 
     def _scale(self, above: bool, through: Any) -> Array:
         return self._factor
@@ -261,7 +261,7 @@ class CompensatedDielectric(Compensated):
         if single.delta is True:
             return single, index, known
         assert isinstance(single, BoundDielectric)
-        return cls(single, not isinstance(given["alpha"], (tuple, list))), index, known
+        return cls(single, given.isotropic()), index, known
 
     def _share(self, above: bool, through: Any) -> Array:
         passed = self._through[above]

@@ -23,7 +23,7 @@ from urushi.solvers.adding.core import AddingCore, Prepared
 from urushi.solvers.adding.corners import Corners, hats
 from urushi.solvers.adding.whole import solution
 from urushi.solvers.bound import bind
-from urushi.solvers.numbers import replaced
+from urushi.solvers.numbers import is_vector, replaced
 from urushi.stack import Stack
 
 from .methods import is_radiance, whole
@@ -56,6 +56,10 @@ class Adding:
             )
         self.nodes = whole(props, "nodes", 0, 0, 1000)
         self.corners = whole(props, "corners", 5, 2, 33)
+        tilted = [name for name in surface.parameters if is_vector(name)]
+        if tilted:
+            reasons = [f"{name} is given, and tilted interfaces mix azimuthal orders" for name in tilted]
+            raise UnsupportedStack("adding", reasons, [name for name in SOLVERS if name != "adding"])
         self._solve()
 
     # --- solving -----------------------------------------------------------------------------------------------

@@ -40,6 +40,10 @@ def reasons_against(stack: Stack) -> list[str]:
             reasons.append(
                 f"layers[{i}].normal is given, and a tilted interface mixes azimuthal orders: leave it out"
             )
+        if getattr(layer, "slope_variance", None) is not None:
+            reasons.append(
+                f"layers[{i}].slope_variance is given, which may differ with the azimuth and mix its orders: use alpha"
+            )
     for name, value in stack.parameters().items():
         if isinstance(value, Texture):
             reasons.append(f"{name} is a texture, which has values only at points of a surface")
