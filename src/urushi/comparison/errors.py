@@ -28,9 +28,11 @@ def _rms(parts: list[np.ndarray]) -> float | None:
     return float(np.sqrt(np.mean(np.square(np.concatenate([np.ravel(p) for p in parts]))))) if parts else None
 
 
-def error_of(bsdf: BSDF, truth: Truth, asked: list[View]) -> tuple[Error, list[Flux], list[Flux]]:
-    """Of one answer; with its fluxes."""
-    off, sure, by_view, up, down = [], [], {}, [], []
+def error_of(
+    bsdf: BSDF, truth: Truth, asked: list[View]
+) -> tuple[Error, list[Flux], list[Flux], float | None]:
+    """Of one answer; with its fluxes, and the rms of its own noise, relative to the peak."""
+    off, sure, noise, by_view, up, down = [], [], [], {}, [], []
     worst: tuple[float, float, str, list[float], list[float]] = (-1.0, 0.0, "", [], [])
     fluxes = (0.0, 0.0, 0.0)
     for k, (view, peak) in enumerate(zip(asked, peaks(truth), strict=True)):
@@ -44,6 +46,7 @@ def error_of(bsdf: BSDF, truth: Truth, asked: list[View]) -> tuple[Error, list[F
             uncertain = np.hypot(own, truth.error[k]) / peak
             off.append(relative)
             sure.append(uncertain)
+            noise.append(own / peak)
             by_view[view.called()] = float(_rms([relative]) or 0.0)
             i, c = np.unravel_index(np.argmax(np.abs(relative)), relative.shape)
             if abs(relative[i, c]) > worst[0]:
@@ -75,7 +78,7 @@ def error_of(bsdf: BSDF, truth: Truth, asked: list[View]) -> tuple[Error, list[F
         beyond = float(np.sqrt(max(rms**2 - uncertainty**2, 0.0)))
     largest, doubt = (worst[0], worst[1]) if off else (None, None)
     error = Error(rms, uncertainty, beyond, largest, doubt, *worst[2:], by_view, misplaced, unsure, *fluxes)
-    return error, up, down
+    return error, up, down, _rms(noise)
 
 
 def _misplaced(bsdf: BSDF, truth: Truth, asked: list[View]) -> tuple[float | None, float | None]:
@@ -109,19 +112,6 @@ def _angles(wo: np.ndarray, view: View) -> str:
 
 def flux_of(view: View, value: np.ndarray, error: np.ndarray) -> Flux:
     return Flux(view.called(), np.ravel(value).tolist(), np.ravel(error).tolist())
-
-
-def single_noise(walk: BSDF | None, truth: Truth, asked: list[View]) -> float | None:
-    """Rms noise of the walk with one sample, relative to the peak."""
-    if walk is None:
-        return None
-    samples = walk.diagnostics["samples"]
-    relative = [
-        walk.eval(view.wi[None], view.wo, with_error=True)[1] * np.sqrt(samples) / peak
-        for view, peak in zip(asked, peaks(truth), strict=True)
-        if peak > 0
-    ]
-    return _rms(relative)
 
 
 def against_walk(

@@ -16,7 +16,7 @@ from .report import Report
 THETAS = (30.0, 60.0)
 #: curves that a reader can tell apart
 MOST = 5
-SAMPLES = 4096
+SAMPLES = 2048
 
 
 def draw(report: Report, stack: Stack, bsdfs: dict[str, BSDF]) -> dict[str, str]:
@@ -26,8 +26,10 @@ def draw(report: Report, stack: Stack, bsdfs: dict[str, BSDF]) -> dict[str, str]
     except UrushiError as error:
         return {"No pictures": f"<p>{error}</p>"}
     found = {"The stack": _image(plot.section(stack), "the stack as a cross-section")}
-    shown = {name: bsdf for name, bsdf in bsdfs.items()}
-    if "walk" in shown:  # smooth enough to be looked at
+    shown = dict(bsdfs)
+    if "adding" in shown:  # the same, without noise
+        shown.pop("walk", None)
+    elif "walk" in shown:  # smooth enough to be looked at
         shown["walk"] = solve(stack, "walk", samples=SAMPLES)
     names = list(shown)[:MOST]
     for theta in THETAS:

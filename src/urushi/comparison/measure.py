@@ -17,7 +17,7 @@ from urushi.stack import Stack, Texture
 
 from . import clock, reference
 from .contenders import Contender, contender, from_stack, named
-from .errors import against_walk, error_of, flux_of, render_noise, single_noise, uncertainty_of
+from .errors import against_walk, error_of, flux_of, render_noise, uncertainty_of
 from .questions import View, views
 from .reference import Truth
 from .report import Report, Row
@@ -99,7 +99,9 @@ def compare(
     bsdfs = solved | {rival.name: rival.bsdf for rival in rivals}
     told(0.65, "errors")
     errors = {name: error_of(bsdf, truth, asked) for name, bsdf in bsdfs.items()}
-    single = single_noise(solved.get("walk"), truth, asked)
+    single = errors["walk"][3] if "walk" in errors else None
+    if single is not None:
+        single *= samples**0.5  # of one sample
     told(0.72, "times")
     timed = _times(stack, bsdfs, seed, lambda share: told(0.72 + 0.26 * share, "times"))
     rows = []
@@ -108,10 +110,10 @@ def compare(
         if name not in bsdfs:
             rows.append(Row(name, "method", "", None, cannot=cannot[name]))
             continue
-        error, up, down = errors[name]
+        error, up, down, _ = errors[name]
         cost, draw = timed[0][name], timed[1][name]
         noise, match = (
-            against_walk(single, error, cost, timed[0].get("one walk")) if name != "walk" else (None, None)
+            against_walk(single, error, cost, timed[0].get("walk")) if name != "walk" else (None, None)
         )
         rows.append(
             Row(
@@ -246,15 +248,10 @@ def _times(
     from urushi.adapters.answer import answer
 
     timed = dict(bsdfs)
-    if "walk" in bsdfs:
-        timed["one walk"] = solve(stack, "walk", samples=1, seed=seed)
+    if "walk" in bsdfs:  # as a renderer calls it
+        timed["walk"] = solve(stack, "walk", samples=1, seed=seed)
     timed["yardstick"] = answer({"type": "roughplastic", "alpha": 0.1})
-    found = clock.nanoseconds(timed, seed, advance)
-    # As a renderer calls it, the walk takes one sample.
-    for column in found:
-        if "one walk" in column:
-            column["walk"] = column["one walk"]
-    return found
+    return clock.nanoseconds(timed, seed, advance)
 
 
 def _bytes(name: str, bsdf: Any, stack: Stack) -> int:
