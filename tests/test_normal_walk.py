@@ -55,8 +55,8 @@ def test_eval_sample_and_flux_tell_of_the_same_light(name: str, rng: np.random.G
         sample = bsdf.sample(np.broadcast_to(w, (n, 3)), rng.random((n, 3)))
         value, error = bsdf.eval(np.broadcast_to(w, WO.shape), WO, with_error=True)
         fluxes = [many.reflectance(w, with_error=True)]
-        fluxes += [] if opaque else [many.transmittance(w, with_error=True)]
-        for same, (flux, spread) in zip((True, False), fluxes, strict=False):
+        fluxes += [(np.zeros(3), np.zeros(3))] if opaque else [many.transmittance(w, with_error=True)]
+        for same, (flux, spread) in zip((True, False), fluxes, strict=True):
             weight = sample.weight * ((sample.wo[:, 2] * w[2] > 0) == same)[:, None]
             noise = weight.std(axis=0) / np.sqrt(n)
             assert np.all(np.abs(weight.mean(axis=0) - flux) < 5 * np.hypot(noise, spread) + 1e-4)
