@@ -9,6 +9,8 @@ from .words import nanoseconds, percent, seconds, size, walks
 UNSEEN = 0.03
 #: share of the light in the wrong place that nobody overlooks
 WRONG = 0.25
+#: times the cost of adding at which the walk is no longer what a path tracer wants
+DEAR = 4.0
 
 
 def verdict(rows: list[Row], reference: str, samples: int) -> str:
@@ -28,7 +30,7 @@ def verdict(rows: list[Row], reference: str, samples: int) -> str:
     elif "adding" in by:
         said.append(f"Adding is out: {by['adding'].cannot[0]}.")
     if walk is not None:
-        said.append(_walk(walk, adding is None))
+        said.append(_walk(walk, adding))
     elif "walk" in by:
         said.append(f"The walk is out: {by['walk'].cannot[0]}.")
     if lobes is not None:
@@ -50,9 +52,14 @@ def _adding(row: Row, walk: Row | None) -> str:
     return text + "."
 
 
-def _walk(row: Row, only: bool) -> str:
-    cost = f" at {nanoseconds(row.eval_ns)} a sample" if row.eval_ns is not None else ""
-    if only:
+def _walk(row: Row, adding: Row | None) -> str:
+    cost = f" {nanoseconds(row.eval_ns)} a sample" if row.eval_ns is not None else ""
+    if row.eval_ns and adding is not None and adding.eval_ns and row.eval_ns > DEAR * adding.eval_ns:
+        return (
+            f"The walk is dear here,{cost}, {row.eval_ns / adding.eval_ns:.0f} × an evaluation by adding: take it "
+            "where there are textures or derivatives, without bias."
+        )
+    if adding is None:
         return f"Take the walk: it is the one without bias that can do this stack,{cost}."
     return (
         f"Take the walk in a path tracer, for textures and for derivatives: no bias, nothing to solve,{cost}."
