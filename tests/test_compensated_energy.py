@@ -79,11 +79,11 @@ def test_brushed_metal_is_white(alphas: tuple[float, float], distribution: str) 
 
 @pytest.mark.parametrize("alphas", [(1.0, 1e-4), (1e-4, 0.1)])
 def test_beyond_the_tables_errors_are_bounded(alphas: tuple[float, float]) -> None:
-    """Brushing narrower than 16 to 1 counts as that: light is lost along the grooves near grazing."""
+    """Brushing narrower than 12 to 1 counts as that: light is lost along the grooves near grazing."""
     w = direction(*(grid.ravel() for grid in np.meshgrid((0.02, 0.1, 0.4, 1.0), np.radians([0, 45, 90]))))
     for interface in (mirror(DOUBLE, *alphas), glass(DOUBLE, 1.5, *alphas)):
         found = total(interface, w, accuracy=4e-3)
-        assert found.max() < 1.06 and found.min() > 0.7
+        assert found.max() < 1.08 and found.min() > 0.7
 
 
 @pytest.mark.parametrize(
@@ -93,13 +93,13 @@ def test_beyond_the_tables_errors_are_bounded(alphas: tuple[float, float]) -> No
     "alphas", [(0.5, 0.05), pytest.param((1.0, 0.1), marks=pytest.mark.slow), (0.2, 0.6)]
 )
 def test_brushed_glass_is_clear(alphas: tuple[float, float], eta: float) -> None:
-    """Total reflection by nearly equal indices is too sharp for the coarse tables: there 2e-2, else 1e-2."""
+    """At the roughnesses that `test_compensated_scan` may miss."""
     w = direction(
         *(grid.ravel() for grid in np.meshgrid((0.02, 0.1, 0.4, 0.8, 1.0), np.radians([0, 25, 50, 75, 90])))
     )
     for above in (True, False):
         found = total(glass(DOUBLE, eta, *alphas), w, above, accuracy=2e-3)
-        assert np.abs(found - 1).max() < (2e-2 if eta < 1.2 else 1e-2)
+        assert np.abs(found - 1).max() < 1e-2
 
 
 def test_glass_on_average() -> None:
@@ -132,6 +132,11 @@ def test_nodes_lie_where_their_coordinates_say() -> None:
     assert np.allclose(
         back(tables.of_roughness(DOUBLE(tables.roughnesses(9)))), np.linspace(0, 1, 9), atol=1.1e-2
     )
+    for alpha in (0.01, 0.2, 1.0):
+        found = back(tables.of_bend(DOUBLE(tables.bends(alpha)), alpha))
+        assert np.allclose(found, np.linspace(0, 1, tables.DENSE + tables.THIN + 1), atol=1e-5)
+    found = back(tables.of_brushed_roughness(DOUBLE(tables.brushed_roughnesses(9))))
+    assert np.allclose(found, np.linspace(0, 1, 9), atol=3e-3)
     ratios = DOUBLE(tables.ratios(9))
     assert np.allclose(back(tables.of_ratio(ratios, DOUBLE(1))), np.linspace(0, 1, 9), atol=1e-6)
 
@@ -143,34 +148,19 @@ def test_tables_are_what_their_tool_makes(rng: np.random.Generator) -> None:
         import make_energy_tables as tool
     finally:
         sys.path.pop(0)
-    for distribution, masking in MODELS:
-        model = f"{distribution}_{masking}"
-        for kind in ("metal", "glass", "brushed_metal", "brushed_glass"):
-            table = tables.energies(kind, model)
-            at = [rng.integers(1, n, 6) for n in table.shape]
-            if kind.endswith("glass"):
-                near = at[0] == len(table) // 2
-                at[0][near] += 1
-            brushed = kind.startswith("brushed")
-            names = ["index"] * kind.endswith("glass") + ["rough"] + ["ratio", "turn"] * brushed + ["cos"]
-            place = dict(zip(names, at, strict=True))
-            n = dict(zip(names, table.shape, strict=True))
-            alpha = tables.roughnesses(n["rough"])[place["rough"]]
-            ratio = tables.ratios(n["ratio"])[place["ratio"]] if brushed else np.ones(6)
-            mean = alpha / np.sqrt(ratio)
-            cos = [tables.cosines(a, n["cos"])[j] for a, j in zip(mean, place["cos"], strict=True)]
-            phi = place["turn"] * (np.pi / 2 / (n["turn"] - 1)) if brushed else 0.0
-            eta = tables.indices(n["index"])[place["index"]] if "index" in n else 0.0
-            lost = tool.missing(
-                (distribution, masking),
-                21,
-                cos=np.array(cos),
-                phi=phi,
-                alpha_x=alpha,
-                alpha_y=alpha / ratio,
-                eta=eta,
-            )
-            assert np.allclose(table[tuple(at)], np.maximum(lost, 0), atol=4e-3 if brushed else 6e-4)
+    for kind, axes in tool.AXES.items():
+        named = axes()
+        arrays = np.broadcast_arrays(*named.values())
+        at = tuple(rng.integers(0, n, 24) for n in arrays[0].shape)
+        chosen = {name: array[at] for name, array in zip(named, arrays, strict=True)}
+        for distribution in ("ggx", "beckmann"):
+            found = tool.missing(distribution, 21, **chosen)
+            for masking, lost in found.items():
+                table = tables.energies(kind, f"{distribution}_{masking}")
+                assert table.shape == arrays[0].shape
+                # Half a step of the integers, and the error of the lattice.
+                brushed = kind.startswith("brushed")
+                assert np.allclose(table[at], np.maximum(lost, 0), atol=5e-3 if brushed else 8e-4)
 
 
 def test_the_mean_of_a_metal() -> None:

@@ -2,12 +2,14 @@
 
     python tools/make_energy_tables.py [NAME ...]
 
-`urushi.interfaces.tables` says what the axes are. Half an hour on two cores; the shares need the tables of glass.
+`urushi.interfaces.tables` says what the axes are. A name makes one file, so that what was stopped can go on; shares and
+means need the tables of glass made before.
 """
 
 from __future__ import annotations
 
 import functools
+import itertools
 import sys
 import time
 from pathlib import Path
@@ -16,7 +18,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-MODELS = [(d, m) for d in ("ggx", "beckmann") for m in ("correlated", "separable")]
+MASKINGS = ("correlated", "separable")
+MODELS = [(d, m) for d in ("ggx", "beckmann") for m in MASKINGS]
 #: ranks of the lattices: 10 946 points, an error of 2e-4; and 4181 for the coarse tables, 5e-4
 FINE, COARSE = 20, 18
 #: lanes of one launch
@@ -25,90 +28,169 @@ LANES = 1 << 17
 WALKS = 1 << 18
 
 
-def missing(model: tuple[str, str], rank: int, **axes: NDArray[np.float64]) -> NDArray[np.float64]:
-    """What single scattering loses, for arrays of cos, phi, alpha_x, alpha_y and eta (0: a mirror)."""
+@functools.cache
+def _loses(distribution: str, kind: str) -> dict[str, NDArray[np.float64]]:
+    """What single scattering loses at the nodes of a table, by the masking."""
+    return missing(distribution, FINE if kind in ("metal", "glass") else COARSE, **AXES[kind]())
+
+
+def missing(distribution: str, rank: int, **axes: NDArray[np.float64]) -> dict[str, NDArray[np.float64]]:
+    """What single scattering loses, by the masking, for arrays of cos, phi, alpha_x, alpha_y and eta (0: a mirror)."""
     from drjit.llvm.ad import Float64
 
     from urushi.interfaces import BoundConductor, BoundDielectric
     from urushi.interfaces.base import Frame
-    from urushi.interfaces.energy import _facets
-    from urushi.optics.microfacet import Microfacets
+    from urushi.interfaces.energy import _lanes, _lattice, _mean
 
     names = ("cos", "phi", "alpha_x", "alpha_y", "eta")
     arrays = np.broadcast_arrays(*(axes[name] for name in names))
-    flat = [np.ascontiguousarray(a, np.float64).ravel() for a in arrays]
-    found = np.empty(flat[0].size)
-    # Its sampling leaves less for the lattice to do, and takes longer.
-    rank -= 2 if model[0] == "beckmann" else 0
-    for start in range(0, found.size, LANES):
-        cos, phi, x, y, eta = (a[start : start + LANES] for a in flat)
+    size = arrays[0].size
+    found = np.empty((2, size))
+    point, count = _lattice(Float64, rank)
+    for start in range(0, size, LANES):
+        at = np.unravel_index(np.arange(start, min(start + LANES, size)), arrays[0].shape)
+        cos, phi, x, y, eta = (np.ascontiguousarray(a[at], np.float64) for a in arrays)
         cos = np.clip(cos, 1e-5, 1)
         sin = np.sqrt((1 - cos) * (1 + cos))
-        w = np.stack([sin * np.cos(phi), sin * np.sin(phi), cos], axis=1)
-        facets = Microfacets(Float64(x), Float64(y), *model)
-        interface: Any = (
-            BoundConductor(0.0, 1.0, 1.0, facets, False, Frame(0.0))
+        w = _lanes(np.stack([sin * np.cos(phi), sin * np.sin(phi), cos], axis=1))
+        surfaces = [_surface(Float64(x), Float64(y), distribution, masking) for masking in MASKINGS]
+        interfaces: list[Any] = [
+            BoundConductor(0.0, 1.0, 1.0, surface, False, Frame(0.0))
             if eta[0] == 0
-            else BoundDielectric(Float64(eta), facets, False, Frame(0.0))
-        )
-        r, t = _facets(interface, w, True, rank)
-        found[start : start + LANES] = 1 - r - t
-    return found.reshape(arrays[0].shape)
+            else BoundDielectric(Float64(eta), surface, False, Frame(0.0))
+            for surface in surfaces
+        ]
+        term = functools.partial(_lost, interfaces, w, point)
+        found[:, start : start + LANES] = _mean(w, count, term)
+    return {masking: part.reshape(arrays[0].shape) for masking, part in zip(MASKINGS, found, strict=True)}
 
 
-def packed(energy: NDArray[np.float64], kind: str) -> NDArray[Any]:
-    """Square roots as integers; their differences along the cosine, which wrap around and compress to half."""
-    from urushi.interfaces.tables import LEVELS
+def _surface(x: Any, y: Any, distribution: str, masking: str) -> Any:
+    """A surface whose Beckmann normals are taken as they are, not as they are seen: by formulas a tenth as long."""
+    import drjit as dr
+
+    from urushi.optics.microfacet import Microfacets
+
+    class Seen(Microfacets):
+        def sample(self, w: Any, u1: Any, u2: Any) -> Any:
+            if self.ggx:
+                return super().sample(w, u1, u2)
+            r = dr.sqrt(-dr.log(1 - u1))
+            sin, cos = dr.sincos(2 * dr.pi * u2)
+            return dr.normalize(type(w)(-self.alpha_x * r * cos, -self.alpha_y * r * sin, 1 + 0 * r))
+
+        def importance(self, w: Any, u1: Any, u2: Any) -> Any:
+            """How much of the light from w meets the facet of these numbers, 1 on the average."""
+            if self.ggx:
+                return 1.0
+            m = self.sample(w, u1, u2)
+            return dr.select(dr.dot(w, m) > 0, dr.dot(w, m) / (m.z * self.sigma(w)), 0)
+
+    return Seen(x, y, distribution, masking)
+
+
+def _lost(interfaces: list[Any], w: Any, point: Any, i: Any) -> tuple[Any, ...]:
+    """What a facet loses, for both maskings: what is computed of the facets is the same, and is computed once."""
+    import drjit as dr
+
+    parts, u = [], point(i)
+    for interface in interfaces:
+        lost = 1.0
+        for part in ("reflect", "transmit")[: 1 if interface.opaque else 2]:
+            event = interface.sample(w, (0.5, *u), True, part)
+            lost = lost - dr.select(event.o.z > 0 if part == "reflect" else event.o.z < 0, event.weight, 0)
+        parts.append(lost * interface.facets.importance(w, *u))
+    return tuple(parts)
+
+
+def packed(energy: NDArray[np.float64], dtype: str) -> NDArray[Any]:
+    """Square roots as integers; their differences along the last axes, which wrap around and compress well."""
+    from urushi.interfaces.tables import LEVELS, packed_axes
 
     # Walter's fit to Beckmann's masking loses less than nothing, by 2e-3, near grazing.
-    assert energy.min() > -5e-3 and energy.max() < 1, (energy.min(), energy.max())
-    roots = np.round(np.sqrt(np.maximum(energy, 0)) * LEVELS[kind]).astype(kind)
-    return np.diff(roots, axis=-1, prepend=roots.dtype.type(0))
+    assert energy.min() > -5e-3 and energy.max() < 1 + 1e-3, (energy.min(), energy.max())
+    roots = np.round(np.sqrt(np.clip(energy, 0, 1)) * LEVELS[dtype]).astype(dtype)
+    for axis in packed_axes(roots.ndim):
+        roots = np.diff(roots, axis=axis, prepend=roots.dtype.type(0))
+    return roots
 
 
-def metal(model: tuple[str, str]) -> NDArray[Any]:
-    """[roughness, cosine]"""
+def even_axes(index: bool) -> dict[str, Any]:
+    """Nodes of isotropic surfaces: [roughness, cosine] of a metal, [index, roughness, cosine] of glass."""
     from urushi.interfaces import tables as t
 
     alpha = t.roughnesses(t.ROUGHNESSES)[:, None]
     cos = np.array([t.cosines(a, t.COSINES) for a in alpha[:, 0]])
-    return packed(missing(model, FINE, cos=cos, phi=0.0, alpha_x=alpha, alpha_y=alpha, eta=0.0), "uint16")
+    eta = t.indices(t.INDICES)[:, None, None] if index else 0.0
+    return {"cos": cos, "phi": 0.0, "alpha_x": alpha, "alpha_y": alpha, "eta": eta}
 
 
-def glass(model: tuple[str, str]) -> NDArray[Any]:
-    """[index, roughness, cosine]"""
-    from urushi.interfaces import tables as t
-
-    alpha = t.roughnesses(t.ROUGHNESSES)[:, None]
-    cos = np.array([t.cosines(a, t.COSINES) for a in alpha[:, 0]])
-    eta = t.indices(t.INDICES)[:, None, None]
-    return packed(missing(model, FINE, cos=cos, phi=0.0, alpha_x=alpha, alpha_y=alpha, eta=eta), "uint16")
-
-
-def _brushed(n: int) -> dict[str, NDArray[np.float64]]:
+def brushed_metal_axes() -> dict[str, Any]:
+    """[roughness, ratio, azimuth, cosine]"""
     from urushi.interfaces import tables as t
 
     alpha = t.roughnesses(t.COARSE_ROUGHNESSES)[:, None, None, None]
     ratio = t.ratios(t.RATIOS)[:, None, None]
-    mean = (alpha / np.sqrt(ratio)).ravel()
-    cos = np.array([t.cosines(a, n) for a in mean]).reshape(len(alpha), t.RATIOS, 1, n)
+    cos = t.cosines((alpha / np.sqrt(ratio))[..., 0], t.COARSE_COSINES)
     phi = np.linspace(0, np.pi / 2, t.AZIMUTHS)[:, None]
-    return {"cos": cos, "phi": phi, "alpha_x": alpha, "alpha_y": alpha / ratio}
+    return {"cos": cos, "phi": phi, "alpha_x": alpha, "alpha_y": alpha / ratio, "eta": 0.0}
 
 
-def brushed_metal(model: tuple[str, str]) -> NDArray[Any]:
-    """[roughness, ratio, azimuth, cosine]"""
-    from urushi.interfaces import tables as t
-
-    return packed(missing(model, COARSE, **_brushed(t.COARSE_COSINES), eta=0.0), "uint8")
-
-
-def brushed_glass(model: tuple[str, str]) -> NDArray[Any]:
+def brushed_glass_axes() -> dict[str, Any]:
     """[index, roughness, ratio, azimuth, cosine]"""
     from urushi.interfaces import tables as t
 
-    eta = t.indices(t.COARSE_INDICES)[:, None, None, None, None]
-    return packed(missing(model, COARSE, **_brushed(t.COARSE_COSINES), eta=eta), "uint8")
+    n_alpha, n_ratio, n_phi, n_cos = t.BRUSHED
+    alpha = t.brushed_roughnesses(n_alpha)[:, None, None, None]
+    ratio = t.ratios(n_ratio)[:, None, None]
+    turn = np.linspace(0, np.pi / 2, n_phi)[:, None]
+    phi = np.arctan2(np.sin(turn), np.cos(turn) * ratio**0.25)
+    along = np.hypot(alpha * np.cos(phi), alpha / ratio * np.sin(phi))
+    cos = t.cosines(t.WIDER * along[..., 0], n_cos)
+    return {"cos": cos, "phi": phi, "alpha_x": alpha, "alpha_y": alpha / ratio, "eta": t.bends(along)}
+
+
+AXES: dict[str, Any] = {
+    "metal": functools.partial(even_axes, False),
+    "glass": functools.partial(even_axes, True),
+    "brushed_metal": brushed_metal_axes,
+    "brushed_glass": brushed_glass_axes,
+}
+
+
+def energies(kind: str, model: tuple[str, str]) -> NDArray[Any]:
+    """One table of lost energy, as its file has it."""
+    found = _loses(model[0], kind)[model[1]]
+    return packed(found, "uint8" if kind.startswith("brushed") else "uint16")
+
+
+def brushed_means(model: tuple[str, str]) -> NDArray[Any]:
+    """[what, index, roughness, ratio]: the two `tables.means` of what is interpolated in the table of brushed glass.
+
+    The first over the roughness, not its square: what the table rounds, smooth surfaces lose at all angles.
+    """
+    from drjit.llvm.ad import Array3f64, Float64
+
+    from urushi.interfaces import tables as t
+    from urushi.interfaces.energy import hemisphere
+    from urushi.interfaces.missing import Missing
+    from urushi.optics.microfacet import Microfacets
+
+    nodes = t.indices(t.MEAN_INDICES), t.brushed_roughnesses(4 * t.BRUSHED[0] - 3), t.ratios(t.BRUSHED[1])
+    found = np.empty((2, *(len(axis) for axis in nodes)))
+    for (j, alpha), (k, ratio) in itertools.product(*map(enumerate, nodes[1:])):
+        if j == 0:
+            continue
+        w, weight = hemisphere(12, 48, float(alpha / ratio))
+        lanes = np.tile(w, (t.MEAN_INDICES, 1))
+        eta = np.repeat(nodes[0], len(w))
+        surface = Microfacets(Float64(alpha), Float64(alpha / ratio), *model)
+        lost = Missing(surface, Float64(eta), False, Float64)(Array3f64(*np.ascontiguousarray(lanes.T)), True)
+        lost = np.array(lost).reshape(-1, len(w))
+        found[0, :, j, k] = lost @ weight / alpha
+        found[1, :, j, k] = lost @ (weight * w[:, 2]) / (lost @ weight)
+    found[:, :, 0] = found[:, :, 1]  # the smoothest is as the next
+    return found.astype(np.float16)
 
 
 @functools.cache
@@ -189,11 +271,10 @@ def shares(model: tuple[str, str]) -> NDArray[Any]:
     return np.minimum(found, 1).astype(np.float32)
 
 
-KINDS = {
-    "metal": metal,
-    "glass": glass,
-    "brushed_metal": brushed_metal,
-    "brushed_glass": brushed_glass,
+#: tables and what makes them, in the order in which one needs the other
+KINDS: dict[str, Any] = {
+    **{kind: functools.partial(energies, kind) for kind in AXES},
+    "brushed_means": brushed_means,
     "shares": shares,
 }
 
@@ -210,7 +291,11 @@ def main(chosen: list[str]) -> None:
             continue
         start = time.time()
         path = Path(tables.DATA) / f"{kind}.npz"
-        np.savez_compressed(path, **{"_".join(model): make(model) for model in MODELS})
+        made = {}
+        for model in MODELS:
+            made["_".join(model)] = make(model)
+            print(f"{kind} {' '.join(model)}: {time.time() - start:.0f} s", flush=True)
+        np.savez_compressed(path, **made)
         print(f"{path}: {path.stat().st_size} bytes, {time.time() - start:.0f} s", flush=True)
 
 

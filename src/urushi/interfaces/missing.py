@@ -9,7 +9,19 @@ import drjit as dr
 
 from ..optics.microfacet import Microfacets
 from ..optics.vectors import Array, Vector, at_least, at_most, channels, float_type
-from .tables import MOST_RATIO, Table, of_cosine, of_index, of_ratio, of_roughness, table
+from .tables import (
+    MOST_RATIO,
+    WIDER,
+    Table,
+    of_azimuth,
+    of_bend,
+    of_brushed_roughness,
+    of_cosine,
+    of_index,
+    of_ratio,
+    of_roughness,
+    table,
+)
 
 
 class Missing:
@@ -32,11 +44,13 @@ class Missing:
         x, y = facets.alpha_x, facets.alpha_y
         self.larger = self.alpha = number(x) if even else number(at_least(x, y))
         self.index = None if self.eta is None else of_index(self.eta)
-        self.place: list[Array] = [of_roughness(self.larger)]
+        self.bends = not even and eta is not None
+        self.place: list[Array] = [(of_brushed_roughness if self.bends else of_roughness)(self.larger)]
         if not even:
             ratio = of_ratio(number(x), number(y))
             self.place.append(ratio)
-            self.alpha = self.larger * dr.exp(-0.5 * math.log(MOST_RATIO) * ratio)
+            self.ratio = dr.exp(math.log(MOST_RATIO) * ratio)
+            self.alpha = self.larger * dr.rsqrt(self.ratio)
             self.wide = x >= y
         self.table: Table = table(self.kind, self.model, number)
 
@@ -55,18 +69,33 @@ class Missing:
             w: in the frame of the roughness, z of either sign.
             above: whether w is on the upper side; True, False or a mask.
         """
-        polar = of_cosine(dr.abs(w.z), self.alpha)
-        place = [*self._index(above), *self.place]
-        if not self.even:
-            x, y = dr.abs(w.x), dr.abs(w.y)
-            along, across = dr.select(self.wide, x, y), dr.select(self.wide, y, x)
-            # Along the normal there is no azimuth, and none is needed.
-            place.append(dr.atan2(across, at_least(along, 1e-12)) * (2 / math.pi))
-        return self.table(*place, polar)
+        if self.even:
+            return self.table(*self._index(above), *self.place, of_cosine(dr.abs(w.z), self.alpha))
+        x, y = dr.abs(w.x), dr.abs(w.y)
+        along, across = dr.select(self.wide, x, y), dr.select(self.wide, y, x)
+        if self.bends:
+            return self._bent(along, across, dr.abs(w.z), above)
+        # Along the normal there is no azimuth, and none is needed.
+        azimuth = dr.atan2(across, at_least(along, 1e-12)) * (2 / math.pi)
+        return self.table(*self.place, azimuth, of_cosine(dr.abs(w.z), self.alpha))
+
+    def _bent(self, along: Array, across: Array, cos: Array, above: Any) -> Array:
+        """What brushed glass loses, of a direction given by its parts along the larger roughness and across."""
+        # The roughness in the azimuth of the light; along the normal that of azimuth 0.
+        first, second = dr.square(along) + 1e-12, dr.square(across / self.ratio)
+        alpha = self.larger * dr.sqrt((first + second) * dr.rcp(first + dr.square(across)))
+        eta = self.eta
+        if above is False:
+            eta = dr.rcp(eta)
+        elif above is not True:
+            eta = dr.select(above, eta, dr.rcp(eta))
+        azimuth = of_azimuth(along, across, self.ratio)
+        return self.table(of_bend(eta, alpha), *self.place, azimuth, of_cosine(cos, WIDER * alpha))
 
     def mean(self, above: bool) -> Array:
         """The same for light from the whole hemisphere, by cosine; above 0."""
-        return dr.square(self.larger) * self._mean("mean", above)
+        mean = self.larger * self._mean("mean", above)
+        return mean if self.bends else mean * self.larger
 
     def cosine(self, above: bool) -> Array:
         """The mean cosine of the directions from which light is lost."""

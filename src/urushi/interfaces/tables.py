@@ -5,8 +5,17 @@ An axis is a coordinate in [0, 1] with nodes at equal distances, chosen such tha
     cosine     most of the range for cosines below the roughness, where masking sets in, the rest for all of them
     roughness  its square root
     index      the root of the logarithm, so that nodes crowd around equal indices; from 1/5 to 5
-    ratio      logarithm of the larger over the smaller roughness, from 1 to 16; narrower brushing counts as 16
+    ratio      logarithm of the larger over the smaller roughness, from 1 to 12; narrower brushing counts as 12
     azimuth    linear in the angle from the direction of the larger roughness, a quarter turn
+
+Brushed glass has few nodes for many dimensions, and what it loses is steep where total reflection sets in: at facets
+whose tilt along the light, which is of the order of the roughness in that azimuth, makes up for the critical angle. Its
+axes are therefore scaled by that roughness, so that the steep place lies at the same nodes whatever the other numbers:
+
+    cosine     as above, with twice the roughness in the azimuth of the light
+    index      `of_bend`: the cosine of the critical angle, scaled like a cosine; the root of the logarithm in part
+    roughness  its power 2/3: what the steepest facets of Beckmann do changes most among the roughest
+    azimuth    linear in the angle when the smaller roughness is scaled up by the fourth root of the ratio
 
 Between nodes everything is linear. The files hold the square roots of energies as integers, which resolves small ones.
 `tools/make_energy_tables.py` writes them, with `interfaces.energy`.
@@ -30,16 +39,22 @@ from ..optics.vectors import Array, at_least, at_most
 DATA = Path(__file__).parent / "data"
 #: nodes of the tables of isotropic surfaces
 COSINES, ROUGHNESSES, INDICES = 64, 32, 97
-#: nodes of those of anisotropic ones
-COARSE_COSINES, COARSE_ROUGHNESSES, COARSE_INDICES, RATIOS, AZIMUTHS = 20, 12, 25, 7, 13
+#: nodes of those of brushed metal
+COARSE_COSINES, COARSE_ROUGHNESSES, RATIOS, AZIMUTHS = 20, 12, 7, 13
+#: and of brushed glass [roughness, ratio, azimuth, cosine]; cells of its index for light from the denser side, and not
+BRUSHED, DENSE, THIN = (14, 10, 17, 26), 24, 12
+#: nodes of the means of brushed glass, along the index
+MEAN_INDICES = 25
 #: and those of how what is lost is shared; indices from 1 on
 SHARE_INDICES, SHARE_ROUGHNESSES = 17, 12
 #: what the square root of 1 is in a file, by the type of its integers
 LEVELS = {"uint16": 4095, "uint8": 255}
 #: largest index ratio, and largest ratio of roughnesses
-MOST_INDEX, MOST_RATIO = 5.0, 16.0
+MOST_INDEX, MOST_RATIO = 5.0, 12.0
 #: share of the cosines' axis for those below the roughness
 NEAR = 0.6
+#: share of the part of `of_bend` that is scaled by the roughness, from the denser side or not, and how many times that
+BENT, UNBENT, WIDER = 0.8, 0.5, 2.0
 #: the roughness that stands for 0
 SMOOTHEST = 1e-4
 
@@ -61,6 +76,32 @@ def of_index(eta: Array) -> Array:
     away = dr.log(eta) * (1 / math.log(MOST_INDEX))
     scaled = dr.sqrt(at_least(dr.abs(away), 1e-12))
     return dr.fma(dr.select(away < 0, -scaled, scaled), 0.5, 0.5)
+
+
+def of_bend(eta: Array, alpha: Array) -> Array:
+    """The index of brushed glass.
+
+    Args:
+        eta: index beyond over the index before.
+        alpha: roughness in the azimuth of the light.
+    """
+    critical = at_most(eta, dr.rcp(eta))
+    critical = dr.sqrt(at_least((1 - dr.square(critical)) * (1 / (1 - MOST_INDEX**-2)), 1e-12))
+    wide = WIDER * alpha
+    scaled = critical * (1 + wide) * dr.rcp(critical + wide)
+    dense = dr.fma(1 - BENT, critical, BENT * scaled)
+    thin = dr.sqrt(at_least(dr.log(eta) * (1 / math.log(MOST_INDEX)), 1e-12))
+    thin = dr.fma(1 - UNBENT, thin, UNBENT * scaled)
+    return dr.select(eta < 1, DENSE * (1 - dense), dr.fma(thin, THIN, DENSE)) * (1 / (DENSE + THIN))
+
+
+def of_brushed_roughness(alpha: Array) -> Array:
+    return dr.power(at_least(alpha, 1e-8), 2 / 3)
+
+
+def of_azimuth(along: Array, across: Array, ratio: Array) -> Array:
+    """The azimuth of brushed glass, from the parts of a direction and the ratio of roughnesses."""
+    return dr.atan2(across * dr.sqrt(dr.sqrt(ratio)), at_least(along, 1e-12)) * (2 / math.pi)
 
 
 def of_ratio(alpha_x: Array, alpha_y: Array) -> Array:
@@ -89,6 +130,29 @@ def indices(n: int) -> NDArray[np.float64]:
     return np.asarray(MOST_INDEX ** (np.sign(t) * t**2), np.float64)
 
 
+def bends(alpha: ArrayLike) -> NDArray[np.float64]:
+    """The nodes' indices (DENSE + THIN + 1, ...) for roughnesses (...) in the azimuth of the light."""
+    alpha = np.asarray(alpha, np.float64)
+    wide = WIDER * alpha
+    sides = []
+    for n, share in ((DENSE, BENT), (THIN, UNBENT)):
+        goal = np.linspace(0, 1, n + 1).reshape(-1, *([1] * alpha.ndim)) + 0 * alpha
+        low, high = np.zeros_like(goal), np.ones_like(goal)
+        for _ in range(60):
+            critical = 0.5 * (low + high)
+            ratio = 1 / np.sqrt(1 - (1 - MOST_INDEX**-2) * critical**2)
+            plain = critical if n == DENSE else np.sqrt(np.log(ratio) / math.log(MOST_INDEX))
+            below = (1 - share) * plain + share * critical * (1 + wide) / (critical + wide) < goal
+            low, high = np.where(below, critical, low), np.where(below, high, critical)
+        ratio[0] = 1
+        sides.append(ratio)
+    return np.asarray(np.concatenate([1 / sides[0][:0:-1], sides[1]]), np.float64)
+
+
+def brushed_roughnesses(n: int) -> NDArray[np.float64]:
+    return np.maximum(np.linspace(0, 1, n) ** 1.5, SMOOTHEST)
+
+
 def ratios(n: int) -> NDArray[np.float64]:
     return np.asarray(MOST_RATIO ** np.linspace(0, 1, n), np.float64)
 
@@ -105,9 +169,15 @@ def energies(kind: str, model: str) -> NDArray[np.float64]:
         model: "ggx_correlated", ...: the distribution and the masking.
     """
     with np.load(DATA / f"{kind}.npz") as file:
-        steps = file[model]
-    roots = np.cumsum(steps, axis=-1, dtype=steps.dtype) / LEVELS[steps.dtype.name]
-    return np.asarray(roots, np.float64) ** 2
+        roots = file[model]
+    for axis in packed_axes(roots.ndim):
+        roots = np.cumsum(roots, axis=axis, dtype=roots.dtype)
+    return np.asarray(roots / LEVELS[roots.dtype.name], np.float64) ** 2
+
+
+def packed_axes(dimensions: int) -> tuple[int, ...]:
+    """The axes along which a file holds differences, which compress well: the last three, where there are three."""
+    return tuple(range(-min(dimensions, 3), 0))
 
 
 def refined(kind: str, model: str) -> NDArray[np.float64]:
@@ -117,12 +187,13 @@ def refined(kind: str, model: str) -> NDArray[np.float64]:
         for axis, even in ((-1, False), (-2, True), (-3, False), (-4, False)):
             table = _doubled(table, axis, even)
     elif kind == "brushed_glass":
+        # Equal indices are no smooth limit: each side by itself.
+        table = np.concatenate([_doubled(table[: DENSE + 1], 0)[:-1], _doubled(table[DENSE:], 0)])
         table = _doubled(table, -2, True)
     else:
         # Linear pieces have steps in their derivative by roughness: smaller ones now.
         table = _doubled(table, -2)
-    if kind.endswith("glass"):
-        # Equal indices are no smooth limit: each side by itself.
+    if kind == "glass":
         half = len(table) // 2
         low, middle, high = table[:half], table[half : half + 1], table[half + 1 :]
         near = 0.5 * (low[-1:] + middle), 0.5 * (middle + high[:1])
@@ -162,8 +233,10 @@ def means(kind: str, model: str) -> tuple[NDArray[np.float64], NDArray[np.float6
         the mean by cosine over the squared roughness, and the mean cosine of light that is lost.
 
     The roughness (the larger one) is `FINER`: between its nodes the cosines of the nodes change. All axes but azimuth
-    and cosine remain.
+    and cosine remain. Those of brushed glass are from a file, along `of_index`.
     """
+    if kind == "brushed_glass":
+        return _brushed_means(model)
     table = refined(kind, model)
     brushed = kind.startswith("brushed")
     if brushed:
@@ -187,6 +260,18 @@ def means(kind: str, model: str) -> tuple[NDArray[np.float64], NDArray[np.float6
     return (mean, cosine) if brushed else (mean[..., 0], cosine[..., 0])
 
 
+def _brushed_means(model: str) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """`means` of brushed glass [index, roughness, ratio]: see `make_energy_tables.brushed_means`."""
+    with np.load(DATA / "brushed_means.npz") as file:
+        found = [np.asarray(part, np.float64) for part in file[model]]
+    half = MEAN_INDICES // 2
+    found = [_doubled(part, -1) for part in found]
+    one, other = (
+        np.concatenate([_doubled(part[: half + 1], 0)[:-1], _doubled(part[half:], 0)]) for part in found
+    )
+    return one, other
+
+
 def _between(table: NDArray[np.float64], at: NDArray[np.float64], axis: int) -> NDArray[np.float64]:
     """Linear interpolation along one axis at positions in units of its nodes."""
     low = np.minimum(at.astype(int), table.shape[axis] - 2)
@@ -199,17 +284,19 @@ def _between(table: NDArray[np.float64], at: NDArray[np.float64], axis: int) -> 
 
 @dataclass(frozen=True)
 class Table:
-    """A table in Dr.Jit: cells of the last two axes as packets of their four corners.
+    """A table in Dr.Jit: cells of the last two axes as packets of their four corners, or those of the last of two.
 
     Attributes:
-        values: the packets one after another; a list of floats in scalar mode.
+        values: the packets one after another; a numpy array in scalar mode.
         shape: numbers of nodes.
         packet: type of a packet; None in scalar mode.
+        corners: 4, or 2, which takes more looking up and half of the memory.
     """
 
     values: Any
     shape: tuple[int, ...]
     packet: Any
+    corners: int = 4
 
     def __call__(self, *places: Array) -> Array:
         """Multilinear interpolation at coordinates in [0, 1], one for each axis."""
@@ -218,9 +305,13 @@ class Table:
 
     def _look(self, cells: list[tuple[Array, Array]], start: Array) -> Array:
         (index, share), *rest = cells
-        if len(rest) == 1:
-            (last, along), n = rest[0], self.shape[-1] - 1
-            a, b, c, d = self._corners((start * (self.shape[-2] - 1) + index) * n + last)
+        n = self.shape[-1] - 1
+        if not rest:
+            a, b = self._cell(start * n + index)
+            return dr.fma(share, b - a, a)
+        if self.corners == 4 and len(rest) == 1:
+            last, along = rest[0]
+            a, b, c, d = self._cell((start * (self.shape[-2] - 1) + index) * n + last)
             low, high = dr.fma(along, b - a, a), dr.fma(along, d - c, c)
             return dr.fma(share, high - low, low)
         inner = self.shape[-len(cells)]
@@ -228,9 +319,9 @@ class Table:
         low, high = self._look(rest, start), self._look(rest, start + 1)
         return dr.fma(share, high - low, low)
 
-    def _corners(self, index: Array) -> Any:
+    def _cell(self, index: Array) -> Any:
         if self.packet is None:
-            return self.values[4 * index : 4 * index + 4]
+            return self.values[self.corners * index : self.corners * (index + 1)].tolist()
         return dr.gather(self.packet, self.values, index)
 
 
@@ -254,13 +345,19 @@ def table(kind: str, model: str, number: Any) -> Table:
         nodes = nodes[None].repeat(2, 0) if nodes.ndim == 1 else nodes
     else:
         nodes = refined(kind, model)
-    corners = [nodes[..., i : i - 1 or None, j : j - 1 or None] for i in (0, 1) for j in (0, 1)]
-    packets = np.stack(corners, axis=-1).ravel()
+    few = nodes.ndim > 4  # of such tables memory counts
+    ends = (
+        [(slice(None), j) for j in (0, 1)]
+        if few
+        else [(slice(i, i - 1 or None), j) for i in (0, 1) for j in (0, 1)]
+    )
+    packets = np.stack([nodes[..., i, j : j - 1 or None] for i, j in ends], axis=-1).ravel()
     if number is float:
-        return Table(packets.tolist(), nodes.shape, None)
+        return Table(packets, nodes.shape, None, len(ends))
     module = sys.modules[number.__module__]
     single = dr.type_v(number) == dr.VarType.Float32
     still = dr.detached_t(number)
     values = still(packets.astype(np.float32 if single else np.float64))
     dr.eval(values)
-    return Table(number(values), nodes.shape, module.Array4f if single else module.Array4f64)
+    packet = getattr(module, f"Array{len(ends)}f" + ("" if single else "64"))
+    return Table(number(values), nodes.shape, packet, len(ends))
