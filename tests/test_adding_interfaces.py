@@ -314,8 +314,8 @@ def test_resolution() -> None:
     assert narrowest([0.0, 0.05], [1.0, 1.5], True) == pytest.approx(0.1)
     assert narrowest([0.3, 0.05], [1.0, 1.5], True) == pytest.approx(np.sqrt(0.01 + 2 * 0.1**2))
     assert narrowest([0.1, 0.1], [1.0, 1.5, 1.0], False) == pytest.approx(np.hypot(0.1 / 3, 0.05))
-    assert panel_counts([0.01, None], [1.0, 1.5], True, 1e-3) == [16, 10]
-    few, more = (panel_counts([0.1, 0.2], [1.0, 1.5], True, a)[0] for a in (1e-2, 1e-4))
+    assert panel_counts([0.01, None], [1.0, 1.5], True, 1e-3) == [18, 11]
+    few, more = (panel_counts([0.05, 0.1], [1.0, 1.5], True, a)[0] for a in (1e-2, 1e-4))
     assert more > 1.8 * few
     _, (layer,) = prepared(ur.Dielectric(ior=1.5, alpha=0.1), counts=(32, 16))
     assert layer.error < 1e-3 < prepared(ur.Dielectric(ior=1.5, alpha=0.1), counts=(8, 6))[1][0].error

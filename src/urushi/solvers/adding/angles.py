@@ -17,7 +17,7 @@ import numpy as np
 from .basis import SAME, Grid
 
 #: how many radians of phase one Gauss point takes: a panel of g points resolves cos(m phi) over REACH g / m
-REACH = 0.75
+REACH = 0.55
 #: no panel is longer than this, whatever it integrates
 LONGEST = 0.35
 #: Gauss points per panel where polynomials are integrated with cosines

@@ -26,6 +26,8 @@ OFFSETS = np.radians([0, 0.7, -1.1, 2.3, -3.1, 5.7, -7.9, 13.0, -17.0, 31.0, -41
 AZIMUTHS = np.radians([0, 0.9, 3.7, 11.0, 29.0, 75.0, 120.0, 180.0])
 #: what the number of nodes is multiplied with
 GROWTH = 1.5
+#: the slowest pace that is believed in: what is left is so much over one less that
+SLOWEST = 0.75
 #: nodes beyond which refining gives up
 MOST_NODES = 1500
 
@@ -60,12 +62,13 @@ def refine(
         counts = _fewer(counts)
     coarse = Seen(solve(_fewer(counts)))
     history: list[tuple[int, float]] = []
-    before: float | None = None
+    before: np.ndarray | None = None
     while True:
         fine = solve(counts)
         seen = Seen(fine)
-        change = difference(coarse, seen, heights)
-        error = change * _left(change, before)
+        change = changes(coarse, seen, heights)
+        # Three digits, never fewer than there are.
+        error = float(f"{1.005 * float((change * _left(change, before)).max()):.2e}")
         history.append((len(fine.grid.s), error))
         if progress is not None:
             progress(*history[-1])
@@ -89,12 +92,12 @@ def _fewer(counts: list[int]) -> list[int]:
     return [max(int(n / GROWTH), 4) for n in counts]
 
 
-def _left(change: float, before: float | None) -> float:
-    """What is left to go of the last change: the sum of all to come, if they shrink as the last two did."""
+def _left(change: np.ndarray, before: np.ndarray | None) -> np.ndarray | float:
+    """What is left to go of the last changes: the sum of all to come, if they shrink as the last two did."""
     if before is None:
         return 1.0
-    rate = min(change / max(before, 1e-300), 0.9)
-    return max(rate / (1 - rate), 0.2)
+    rate = np.minimum(change / np.maximum(before, 1e-300), SLOWEST)
+    return np.maximum(rate / (1 - rate), 0.2)
 
 
 def difference(
@@ -107,14 +110,24 @@ def difference(
         heights: by (from above, to above), f of what has a closed form, the largest that is known at each of `COSINES`:
             (I,). The solutions hold no more of it than they need.
     """
+    return float(changes(one, other, heights).max())
+
+
+def changes(
+    one: Solution | Seen, other: Solution | Seen, heights: Mapping[Side, np.ndarray] | None = None
+) -> np.ndarray:
+    """The differences of two solutions, of energies and of the BSDF, by side and cosine of incidence: flat.
+
+    Each shrinks at a pace of its own, and the largest may give way to one that hardly does.
+    """
     one, other = (Seen(s) if isinstance(s, Solution) else s for s in (one, other))
-    worst = 0.0
+    found = []
     for side in other.albedo:
-        worst = max(worst, float(np.abs(one.albedo[side] - other.albedo[side]).max()))
+        found.append(np.abs(one.albedo[side] - other.albedo[side]).max(axis=0))
         peak = np.maximum(other.peak[side], 0 if heights is None else heights[side])
         change = np.abs(one.values[side] - other.values[side]).max(axis=(0, 2, 3))
-        worst = max(worst, float((change / np.maximum(peak, 1e-12)).max()))
-    return worst
+        found.append(change / np.maximum(peak, 1e-12))
+    return np.concatenate(found)
 
 
 class Seen:

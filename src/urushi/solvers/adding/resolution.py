@@ -13,9 +13,9 @@ from collections.abc import Sequence
 
 import numpy as np
 
-#: nodes for what has no narrow lobe; nodes per unit of log(1 / accuracy) / width; and what panels of total reflection
-#: need of the first one's number
-FEWEST, DENSITY, BEYOND = 16, 1.3, 0.6
+#: nodes for what has no narrow lobe, and where all is smooth; nodes per unit of log(1 / accuracy) / width; and what
+#: panels of total reflection need of the first one's number
+FEWEST, SMOOTH, DENSITY, BEYOND = 18, 15, 1.3, 0.6
 
 
 def narrowest(alphas: Sequence[float | None], indices: Sequence[float], opaque: bool) -> float | None:
@@ -51,6 +51,7 @@ def panel_counts(
         accuracy: in (0, 1).
     """
     width = narrowest(alphas, indices, opaque)
-    wanted = FEWEST if width is None else max(FEWEST, DENSITY * np.log(1 / accuracy) / width)
+    fewest = FEWEST if any(alpha is None or alpha > 0 for alpha in alphas) else SMOOTH
+    wanted = fewest if width is None else max(fewest, DENSITY * np.log(1 / accuracy) / width)
     panels = len(np.unique(np.round(np.asarray(indices, float), 9)))
     return [int(np.ceil(wanted)), *[max(int(np.ceil(BEYOND * wanted)), 8)] * (panels - 1)]
