@@ -106,6 +106,7 @@ def test_methods_are_as_near_as_they_should_be(found: reports.Report) -> None:
     # The definition: one sample's noise, over the root of the samples that there is time for.
     single = (walk.error.rms_uncertainty or 0) * np.sqrt(256)  # type: ignore[union-attr]
     assert lobes.walk_noise == pytest.approx(single / np.sqrt(lobes.eval_ns / walk.eval_ns), rel=0.1)  # type: ignore[operator]
+    assert lobes.match == pytest.approx((single / lobes.error.beyond) ** 2, rel=0.1)  # type: ignore[union-attr]
     assert adding.bytes > lobes.bytes == len(ur.io.dumps(GREY, "yaml").encode())  # type: ignore[operator]
     with pytest.raises(UrushiError, match="allowed: adding, lobes, walk, grey, diffuse"):
         found.row("magic")
@@ -294,6 +295,12 @@ def test_questions_surround_the_lobes() -> None:
         # A plate of glass in air: straight through.
         assert np.min(np.linalg.norm(view.wo + view.wi, axis=1)) < 1e-6
     assert all((view.wo[:, 2] > 0).all() for view in questions.views(GREY))
+    for view in questions.views(ur.Stack(layers=[ur.Dielectric(ior=1.5, alpha=0.1)])):
+        ratio = 1 / 1.5 if view.above else 1.5
+        if ratio * np.sin(np.radians(view.theta)) < 1:  # Snell's direction is asked for
+            snell = np.append(-ratio * view.wi[:2], 0.0)
+            snell[2] = -np.sign(view.wi[2]) * np.sqrt(1 - snell @ snell)
+            assert np.min(np.linalg.norm(view.wo - snell, axis=1)) < 1e-6
 
 
 def test_the_clock_tells_twice_the_work_from_once(monkeypatch: pytest.MonkeyPatch) -> None:
