@@ -58,9 +58,7 @@ def display(writer: Any, node: Any) -> None:
     writer.body.append('<div class="math notranslate">')
     writer.body.append(converted(node, True))
     if label := node.get("label"):
-        writer.body.append(
-            f'<a class="number" href="#equation-{nodes.make_id(label)}">({label})</a>'
-        )
+        writer.body.append(f'<a class="number" href="#equation-{nodes.make_id(label)}">({label})</a>')
     writer.body.append("</div>\n")
     raise nodes.SkipNode
 
