@@ -193,6 +193,35 @@ def test_a_sample_of_the_tables_is_made_anew() -> None:
     np.testing.assert_allclose(shipped[seen, 2], through[seen], atol=2e-2)
 
 
+def test_a_sample_of_what_goes_back_and_forth_is_made_anew() -> None:
+    """Round trips, widths and sheets, for one index ratio and few roughnesses."""
+    sys.path.insert(0, str(TOOLS))
+    try:
+        import lobe_round_trips
+        import lobe_sheets
+        import lobe_widths
+    finally:
+        sys.path.pop(0)
+    from urushi.solvers.lobes import axes, tables
+
+    data = Path(tables.__file__).parent / "data"
+    with np.load(data / "round_trips.npz") as file:
+        shipped = file["round_trips"] * tables.STEP
+    k, a, w = 4, np.array([4, 6]), np.array([2, 4])  # a node at which widths are counted
+    eta = float(axes.ratios()[k])
+    alphas, widths = axes.squares(axes.ROUGHNESSES)[a], axes.squares(axes.WIDTHS)[w]
+    cos = axes.cosines(eta, axes.ENTRIES)
+    made = lobe_round_trips.round_trips(eta, alphas, widths, cos)
+    np.testing.assert_allclose(shipped[0, k][np.ix_(a, w)][..., :5], made, atol=2e-3)
+    counted = lobe_widths.too_wide(eta, alphas[:1], widths[:1], cos)
+    np.testing.assert_allclose(shipped[0, k, a[0], w[0], 8:, 5], counted[0, 0, 8:], rtol=0.15)
+    with np.load(data / "sheets.npz") as file:
+        shipped = file["sheets"] * tables.STEP
+    eta = float(axes.ratios(axes.SHEETS)[5])
+    cos = axes.cosines(2.0, axes.SHEET_COSINES)
+    np.testing.assert_allclose(shipped[5][np.ix_(w, w)], lobe_sheets.sheet(eta, widths, cos), atol=2e-3)
+
+
 def test_tables_are_small() -> None:
     from urushi.solvers.lobes import tables
 

@@ -104,7 +104,8 @@ def round_trips(eta: float, alphas: np.ndarray, widths: np.ndarray, cos: np.ndar
 
 
 def tables() -> np.ndarray:
-    """(2, INDICES, ROUGHNESSES, WIDTHS, ENTRIES, 5)."""
+    """(2, INDICES, ROUGHNESSES, WIDTHS, ENTRIES, 6): `round_trips`, and `lobe_widths` from the thinner side."""
+    import lobe_widths
     from urushi.solvers.lobes import axes
 
     alphas, widths = axes.squares(axes.ROUGHNESSES), axes.squares(axes.WIDTHS)
@@ -114,4 +115,7 @@ def tables() -> np.ndarray:
             eta = float(ratio if side == 0 else 1 / ratio)
             found.append(round_trips(eta, alphas, widths, axes.cosines(eta, axes.ENTRIES)))
             print("round trips", eta, flush=True)
-    return np.stack(found).reshape(2, axes.INDICES, *found[0].shape)
+    table = np.stack(found).reshape(2, axes.INDICES, *found[0].shape)
+    too_wide = np.ones((*table.shape[:-1], 1))
+    too_wide[0, ..., 0] = lobe_widths.table(axes.cosines(2.0, axes.ENTRIES))
+    return np.concatenate([table, too_wide], axis=-1)

@@ -44,8 +44,8 @@ class Particles:
         self.scatters = scatters and medium.scatters
         g = getattr(medium.phase, "g", 0.0)
         self.g = g
-        self.forward = dr.select(g > 0, dr.square(g), 0.0)
-        self.spread = OURS.additive(PUBLISHED.roughness(forward_width(g)))
+        self.forward = dr.select(g > 0, dr.power(at_least(g, 1e-8), 1.5), 0.0)
+        self.spread = 0.5 * OURS.additive(PUBLISHED.roughness(forward_width(g)))
 
     def passed(self, cos: Array) -> tuple[Array, Array]:
         """What stays a beam under the cosine, and the width that this adds in the mean."""

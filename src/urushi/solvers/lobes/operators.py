@@ -112,13 +112,23 @@ class Boundary:
         """The width that crossing from the cosine `cos` to `beyond` adds."""
         return self.width(0.5 * dr.abs(1 - cos / (self.eta * at_least(beyond, GRAZING))))
 
-    def round_trip(self, cos: Array, width: Array) -> tuple[tuple[Array, Array], tuple[Array, Array], Array]:
-        """(reflectance, transmittance) of light that entered here under the cosine `cos`, when it comes back from below
-        as a lobe of the roughness `width` for the first time; in the mean over all later times; and the mean cosine of
-        what is sent back down."""
-        r, t, later_r, later_t, down = tables.round_trip(cos, self.eta, self.alpha, width)
+    def round_trip(
+        self, cos: Array, width: Array
+    ) -> tuple[tuple[Array, Array], tuple[Array, Array], Array, Array]:
+        """What happens to light that entered here under the cosine `cos`, when it comes back from below.
+
+        Args:
+            width: roughness of the lobe that it then is.
+
+        Returns:
+            (reflectance, transmittance) the first time, and in the mean over all later times; the mean cosine of what
+            is sent back down; and the roughness of what gets out in terms of what derivatives say.
+        """
+        r, t, later_r, later_t, down, narrower = tables.round_trip(cos, self.eta, self.alpha, width)
         first, later = (r, t), (later_r, later_t)
-        return (tables.complete(*first), tables.complete(*later), down) if self.full else (first, later, down)
+        if self.full:
+            first, later = tables.complete(*first), tables.complete(*later)
+        return first, later, down, narrower
 
     def sheet(self, cos: Array, other: Boundary) -> list[tuple[Array, Array]]:
         """(Reflectance, transmittance) in a sheet of glass that light enters here and that ends at the other interface:

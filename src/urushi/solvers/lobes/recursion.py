@@ -103,7 +103,9 @@ def respond(stack: BoundStack, wi: Vector, above: bool, scatters: bool = True, t
         if not _zero(sent.beam):
             # Light that goes back and forth before it gets out is what came under the steepest angles; it does not make
             # the middle of the lobe any wider, as the mean number of trips would have it.
-            reflected.append(Beam(sent.beam, spread.lobe(boundary.reflected, 0.0), cos, sharp, k))
+            out = met.above.width
+            out = spread.lobe(boundary.reflected, 0.0) if out is None else out
+            reflected.append(Beam(sent.beam, out, cos, sharp, k))
         diffuse = _sum(diffuse, sent.scattered)
         if tally is not None:
             passes = (met.first, arriving), (met.later, more)

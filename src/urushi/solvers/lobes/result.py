@@ -263,6 +263,8 @@ class LobesBSDF(BSDF):
             spectrum = vector_type(module, double) if numbers.coloured else number_type(module, double)
             radiance = self.mode == "radiance"
             uniform = numbers.lanes == 1 and module.__name__ != "drjit.scalar"
+            if uniform:  # what is not computed yet may be given as many lanes as it is first used with
+                dr.eval([getattr(interface, "inv_eta", None) for interface in bound.interfaces])
             core = LobesCore(bound, spectrum, radiance, self.symmetric, self.published, uniform)
             self._cores[key] = core, numbers.lanes
         return self._cores[key]

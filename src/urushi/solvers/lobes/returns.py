@@ -49,12 +49,14 @@ class Above(NamedTuple):
         slabs: each, the nearest first.
         nearest: how much of what they reflect, from below, the nearest interface reflects.
         steep: mean cosine of what that sends back down; None if that is as it came.
+        width: of what gets out, all that it went through on its way down included; None if that is in one direction.
     """
 
     whole: Slab
     slabs: list[Slab]
     nearest: Array
     steep: Array | None
+    width: Width | None
 
 
 class Meeting(NamedTuple):
@@ -108,7 +110,7 @@ def meet(steps: list[Step], step: Step, returning: Array, width: Width | None, l
     pair = boundary.beam(above.steep, alpha)
     if clear:
         beyond = at_least(boundary.refracted(step.cos), GRAZING)
-        _, trapped, _ = boundary.turned.round_trip(beyond, mean_roughness(upper.reflected))
+        _, trapped, _, _ = boundary.turned.round_trip(beyond, mean_roughness(upper.reflected))
         r, t = (dr.select(boundary.eta < 1, a, b) for a, b in zip(trapped, pair, strict=True))
         pair = _mixed(sheet[1], (r, t), share) if sheet else (r, t)
     return Meeting(first, _flows(step, pair), above, above_later)
@@ -134,6 +136,7 @@ def from_below(
     first: Array | None = None
     steep: Array | None = None
     lower: tuple[int, Step] | None = None
+    out = seen = width
     whole_sent: Array = 0.0
     passing: Array = 1.0
     for step in reversed(steps):
@@ -144,7 +147,8 @@ def from_below(
             slabs.append(Slab(step.r, step.t, r, t))
             passing = passing * _mean(t.beam)
             if width is not None:
-                width = plus(width, 2 * step.layer.passed(cos)[1])
+                by = 2 * step.layer.passed(cos)[1]
+                width, out = plus(width, by), plus(out, by)
             continue
         boundary, turned = step.layer, step.layer.turned
         if isinstance(boundary.inner, Null):
@@ -156,12 +160,13 @@ def from_below(
             below = at_least(boundary.refracted(step.cos), GRAZING)
             factor = OURS.factor(boundary.eta * below / step.cos)
             wide = mean_roughness(width if step.width is None else plus(step.width * (1 / factor), width))
-            (r, t), later, down = boundary.round_trip(step.cos, wide)
+            (r, t), later, down, narrower = boundary.round_trip(step.cos, wide)
+            down_by, up_by = boundary.transmitted(step.cos, below), turned.transmitted(below, step.cos)
+            out = plus(plus(out, down_by) * factor, up_by)
+            seen = out * OURS.factor(narrower)
             # What is totally reflected was the outside of the lobe: the rest is narrower, by medians of GGX.
             kept = t / (r + t)
-            width = width * OURS.factor(dr.sqrt(kept / (2 - kept)))
-            width = plus(width, boundary.transmitted(step.cos, below)) * factor
-            width = plus(width, turned.transmitted(below, step.cos))
+            width = plus(plus(width * OURS.factor(dr.sqrt(kept / (2 - kept))), down_by) * factor, up_by)
             if again is not None:
                 r, t = _mixed(later, (r, t), again if first is None else 1.0)
             if first is None and known is not None:
@@ -180,7 +185,7 @@ def from_below(
     for n, slab in enumerate(reversed(slabs)):
         whole = add(whole, slab, FLOWS) if n else slab
     nearest = 1.0 if first is None else first / at_least(whole_sent + 0 * cos, 1e-12)
-    return Above(whole, slabs, nearest, steep)
+    return Above(whole, slabs, nearest, steep, seen)
 
 
 def _steeper(slab: Slab, step: Step, cos: Array, alpha: Array) -> Slab:
