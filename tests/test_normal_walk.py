@@ -11,6 +11,7 @@ import pytest
 import urushi as ur
 from lanes import direction, needs_llvm
 from quadrature import sphere
+from urushi import checks
 from urushi.errors import MaterialError
 from urushi.solvers import BSDF
 
@@ -66,6 +67,15 @@ def test_eval_sample_and_flux_tell_of_the_same_light(name: str, rng: np.random.G
             own = np.sqrt(np.square(error * AREA[:, None])[here].sum(axis=0))
             # The grid of directions is good to a hundredth.
             assert np.all(np.abs(found - flux) < 5 * (sharp + np.hypot(own, spread)) + 0.01 * flux + 1e-3)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["smooth over gold", "pane", "steep", "smooth pane"])
+def test_every_check_passes_and_reciprocity_is_not_claimed(name: str) -> None:
+    layers = {**STACKS, "smooth pane": [CLEAR, FOG, ur.Dielectric(ior=1.3, alpha=0.3, normal=M)]}[name]
+    reports = checks.run(ur.Stack(layers=layers), "walk")
+    assert all(report.passed for report in reports), reports
+    assert [report.name for report in reports if not report.claimed] == ["reciprocity"]
 
 
 def test_no_light_is_lost_at_any_tilt() -> None:
