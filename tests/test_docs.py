@@ -30,7 +30,9 @@ NAME = re.compile(
     r"(?:'s)?,? \(?((?:18|19|20)\d\d)\b(?!-)"
 )
 #: words that stand before a year and are no authors
-NOT_AUTHORS = {"SIGGRAPH", "Asia", "EGSR", "I3D", "JCGT", "LEAN", "Smith", "Stanford"}
+NOT_AUTHORS = {"SIGGRAPH", "Asia", "EGSR", "I3D", "JCGT", "LEAN", "Smith", "Stanford"} | {
+    *("After", "All", "At", "By", "From", "In", "Of", "Over", "Since", "The", "To", "With")
+}
 
 
 def theory() -> dict[str, list[str]]:
