@@ -164,19 +164,18 @@ def _closed(
         medium = layers[1 if above else -2]
         if not isinstance(medium, MediumLayer):
             continue
-        for same in (True, False):
-            if once.covers(stack, above, above == same):
-                ends = slabs[0], slabs[-1]
-                found[above, above == same] = _once(medium, ends, (above, above == same), orders, first)
+        sides = [(above, to) for to in (above, not above) if once.covers(stack, above, to)]
+        light = medium.once(orders, first) if sides else None
+        for side in sides:
+            assert light is not None
+            found[side] = _once(light, (slabs[0], slabs[-1]), side)
     return found
 
 
-def _once(
-    medium: MediumLayer, ends: tuple[Slab, Slab], side: tuple[bool, bool], orders: range, first: int
-) -> Operator:
-    """Light scattered once behind a smooth interface, of which `ends` has the uppermost and the lowest."""
+def _once(light: tuple[Operator, Operator], ends: tuple[Slab, Slab], side: tuple[bool, bool]) -> Operator:
+    """Light scattered once (reflected, transmitted) through the outer interfaces: `ends`, the upper one first."""
     top, bottom = ends if side[0] else (ends[1].turned_over(), ends[0].turned_over())
-    r, t = medium.once(orders, first)
+    r, t = light
     found: Operator = top.t_up @ (r @ top.t_down) if side[0] == side[1] else bottom.t_down @ (t @ top.t_down)
     return found
 
@@ -207,7 +206,7 @@ def scattered_once(
     for orders, first in blocks:
         slabs = {k: smooth.slab(orders, first) for k, smooth in outer.items()}
         ends = slabs.get(0, slabs[max(slabs)]), slabs.get(last, slabs[min(slabs)])
-        operator = _once(layer, ends, side, orders, first)
+        operator = _once(layer.once(orders, first), ends, side)
         if operator.dense is not None:
             found.append(_block(orders, first, operator.dense, solution.colours))
     return found
