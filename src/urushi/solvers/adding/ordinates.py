@@ -1,13 +1,11 @@
 """Homogeneous slabs by the modes of their light (discrete ordinates: Chandrasekhar 1950; Stam 2001).
 
 With X = F F^T and Y = G G^T (see `media`), the singular values of F^T G = U k V^T are the rates at which the modes
-fade, and Z = (F U) (tanh h k / k) (F U)^T, V = (G V) (tanh h k / k) (G V)^T. That (theory (basis.11)) takes no square
-of k, so a mode that hardly fades keeps its digits, and one that never fades (albedo 1) is no special case.
+fade, and Z = (F U) (tanh h k / k) (F U)^T, V = (G V) (tanh h k / k) (G V)^T. That takes no square of k, so a mode that
+hardly fades keeps its digits, and one that never fades (albedo 1) is no special case.
 """
 
 from __future__ import annotations
-
-import contextlib
 
 import numpy as np
 
@@ -15,9 +13,6 @@ from ...adding import Slab
 from ...errors import UrushiError
 from .media import Scattering
 from .operator import Operator
-
-#: albedos above which a mode may fade so little that only eigenvalues tell how much
-WHITE = 0.999
 
 
 def solve(scattering: Scattering, depth: np.ndarray, albedo: np.ndarray) -> Slab:
@@ -57,12 +52,6 @@ def modes(scattering: Scattering, albedo: np.ndarray) -> tuple[np.ndarray, np.nd
     slant = 1 / np.sqrt(scattering.mu)[:, None]
     roots = []
     for matrix, known in ((scattering.even, True), (scattering.odd, False)):
-        if albedo.max() < WHITE:
-            # Any root will do, and this one costs least; it has none where light would come from nothing.
-            with contextlib.suppress(np.linalg.LinAlgError):
-                unit = np.eye(matrix.shape[-1])
-                roots.append(slant * np.linalg.cholesky(unit - albedo[:, None, None, None] * matrix))
-                continue
         value, vector = np.linalg.eigh(matrix)
         if known and scattering.first == 0 and abs(value[0, -1] - 1) < 1e-10:
             value[0, -1] = 1  # the columns were normalised: this one is known
