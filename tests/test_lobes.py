@@ -158,6 +158,18 @@ def test_every_preset(name: str) -> None:
 # --- derivatives and types --------------------------------------------------------------------------------------------
 
 
+def test_what_claims_to_be_reciprocal() -> None:
+    """The check of reciprocity judges the symmetric form, and tells of the other."""
+    from urushi.checks import reciprocity
+
+    stack = ur.Stack(layers=[ur.Dielectric(ior=1.5, alpha=0.2), ur.Conductor(**GOLD, alpha=0.3)])
+    forward, symmetric = (lobes.solve(stack, symmetric=way) for way in (False, True))
+    assert not forward.diagnostics["reciprocal"] and symmetric.diagnostics["reciprocal"]
+    assert lobes.solve(ur.Stack(layers=stack.layers[:1])).diagnostics["reciprocal"]
+    assert reciprocity.check(lambda _: symmetric, True).passed
+    assert "does not claim" in reciprocity.check(lambda _: forward, True).text
+
+
 @pytest.mark.parametrize(
     ("name", "value", "half"),
     [
