@@ -211,6 +211,15 @@ def test_what_is_not_claimed_passes_whatever_is_found() -> None:
     assert "does not claim" in report.text
 
 
+def test_an_approximation_agrees_as_well_as_it_claims() -> None:
+    louder = LouderEval(solved("white", 16384))
+    louder.diagnostics = louder.diagnostics | {"consistent_to": 0.025}
+    report = checks.CHECKS["agreement"](lambda samples: louder, True)
+    assert report.passed and "claims to agree with itself to 2.5 %" in report.text
+    louder.diagnostics |= {"consistent_to": 0.01}
+    assert not checks.CHECKS["agreement"](lambda samples: louder, True).passed
+
+
 def test_run_takes_a_bsdf() -> None:
     reports = checks.run(solved("white", 4096))
     assert [report.name for report in reports if not report.passed] == []

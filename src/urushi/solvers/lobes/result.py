@@ -111,6 +111,7 @@ class LobesBSDF(BSDF):
             "published": published,
             "symmetric": symmetric,
             "reciprocal": core.tilted is None and (core.alone or (symmetric and core.stack.opaque)),
+            "consistent_to": 0.02,  # energies are from tables, and values from lobes of that energy
             "interfaces": len(core.stack.interfaces),
             "media": sum(medium is not None for medium in core.stack.media),
             "coloured": core.spectrum is not number_type(self._module, self.double),
