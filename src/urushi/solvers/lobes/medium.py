@@ -1,11 +1,11 @@
 """A slab of particles as an operator: what stays a beam, and what becomes diffuse.
 
 A beam stays one while it is not scattered, and while it is scattered forwards: of a Henyey-Greenstein function of
-mean cosine g > 0 the share g^2 is taken as a forward lobe (as in the delta-Eddington method, Joseph et al. 1976), of
-width
+mean cosine g > 0 the share g^1.5 is taken as a forward lobe, half as wide as
 
     f_g = ((1 - g) / g)^0.8 / (1 + g)        (Belcour 2018, section 4)
 
+says. Share and half are fitted to the energies and widths of coated metals by adding (docs/method-lobes.md).
 See theory (lobes.8). The rest is diffuse. What leaves the slab altogether, on either side, is tabulated from solutions
 of the transfer equation, so the energies are those of the slab, whatever the split.
 """
