@@ -127,6 +127,30 @@ def test_a_normal_shows_up_and_can_be_set(mi: Any) -> None:
     dr.eval(after)
 
 
+def test_derivatives_reach_the_texels(mi: Any) -> None:
+    """Against finite differences of all texels at once; lobes have no noise."""
+    import drjit as dr
+
+    stack = layered(mi, method="lobes", layer_0=mapped(mi, GLASS, (0.1, 0, 1)), layer_1=GOLD)
+    parameters, asked = mi.traverse(stack), Asked.of(mi, stack, WI)
+    start = mi.TensorXf(parameters["layer_0.normal.data"])
+
+    def mean(data: Any) -> Any:
+        parameters["layer_0.normal.data"] = data
+        parameters.update()
+        wo = mi.Vector3f(np.ascontiguousarray(WO.T, np.float32))
+        return dr.mean(stack.eval(asked.ctx, asked.si, wo).x)
+
+    data = mi.TensorXf(start)
+    dr.enable_grad(data)
+    dr.backward(mean(data))
+    slope = float(np.sum(np.array(dr.grad(data))[..., 0]))
+    red = np.array([1.0, 0.0, 0.0], np.float32) * 0.01 + 0 * np.array(start)
+    step = [float(mean(mi.TensorXf(np.array(start) + sign * red))[0]) for sign in (1, -1)]
+    assert slope == pytest.approx((step[0] - step[1]) / 0.02, rel=0.02)
+    assert abs(slope) > 0.01
+
+
 def test_what_cannot_be_read_is_refused(mi: Any) -> None:
     bump = {"type": "bumpmap", "arbitrary": {"type": "checkerboard"}, "bsdf": GOLD}
     with pytest.raises(RuntimeError, match="heights, not normals"):
