@@ -46,8 +46,11 @@ class View:
 
 
 def views(stack: Any) -> list[View]:
-    """The questions for a stack: from below only where it transmits, from two azimuths only where it is brushed."""
-    brushed = any(isinstance(getattr(layer, "alpha", 0.0), tuple) for layer in stack.layers)
+    """The questions for a stack: from below only where it transmits, from two azimuths only where it is brushed or tilted."""
+    brushed = any(
+        isinstance(getattr(layer, "alpha", 0.0), tuple) or getattr(layer, "normal", None) is not None
+        for layer in stack.layers
+    )
     opaque = bool(stack.layers[-1].opaque)
     indices = [layer.ior for layer in stack.layers if layer.kind == "dielectric"]
     below = stack.exterior if opaque or not indices else float(indices[-1])
