@@ -46,7 +46,7 @@ class View:
 
 
 def views(stack: Any) -> list[View]:
-    """The questions for a stack: from below only where it transmits, from two azimuths only where it is brushed or tilted."""
+    """The questions for a stack: from below only where it transmits, from two azimuths only where it has a grain."""
     brushed = any(
         isinstance(getattr(layer, "alpha", 0.0), tuple) or getattr(layer, "normal", None) is not None
         for layer in stack.layers
