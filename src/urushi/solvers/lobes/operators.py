@@ -8,7 +8,7 @@
     diffuse         energy to the diffuse light   none left              none left
 
 s = |1 - c / (n c')| / 2, with c before and c' beyond the boundary of index ratio n: tilting a facet turns a
-refracted ray by so much of what it turns a reflected one (Belcour 2018, section 4).
+refracted ray by so much of what it turns a reflected one (Belcour 2018, section 4). See theory (lobes.3 to lobes.6).
 """
 
 from __future__ import annotations

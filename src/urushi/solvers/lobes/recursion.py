@@ -9,7 +9,7 @@ layer and what lies above (U_k, from below), and gets out:
 These are the adding equations (`urushi.adding`) with the sum over layers left open; energies are flows of a beam and
 of diffuse light (`flow`). U_k is itself the sum of the layers above for light that comes from below, with the
 direction and the width of *this* lobe: a wide one is totally reflected where a narrow one gets out. Whatever U_k is,
-as long as it loses nothing no light is lost.
+as long as it loses nothing no light is lost. See theory (lobes.7).
 """
 
 from __future__ import annotations
