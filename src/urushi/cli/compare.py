@@ -57,8 +57,10 @@ def command(
     from urushi.adapters.answer import answer, is_answer
     from urushi.comparison import compare
     from urushi.comparison.contenders import FITTED
+    from urushi.comparison.measure import described
     from urushi.comparison.report import save
 
+    stacks = [described(stack, given) for stack in stacks]  # all of them, before anything long begins
     contenders: list[Any] = []
     for rival in rivals or ():
         if rival not in FITTED and not is_answer(rival):
@@ -83,7 +85,6 @@ def command(
                 accuracy=accuracy,
                 samples=samples,
                 budget=budget,
-                parameters=given,
                 figures=html is not None,
                 progress=told,
             )

@@ -75,7 +75,7 @@ def compare(
         UnsupportedStack: neither adding nor the walk can do the stack, so there is no reference.
     """
     start = time.perf_counter()
-    stack = _described(stack, parameters)
+    stack = described(stack, parameters)
     methods = list(dict.fromkeys(methods))
     for method in methods:
         if method not in SOLVERS:
@@ -158,7 +158,7 @@ def compare(
     return report
 
 
-def _described(stack: Any, parameters: Mapping[str, Any] | None) -> Stack:
+def described(stack: Any, parameters: Mapping[str, Any] | None) -> Stack:
     """The stack with the values that were given, and no texture left."""
     if not isinstance(stack, Stack):
         from urushi.io import load
