@@ -1,7 +1,7 @@
-"""Values of the walk among the facets sum to all light, angle by angle: R + T = 1 for each roughness and index.
+"""The walk among the facets keeps all light, angle by angle: R + T = 1 for each roughness and index.
 
-What meets one facet has a closed form and is integrated on a lattice; what meets more is an estimate, whose mean over
-random directions carries a standard error.
+By its samples that is exact. Of its values, what meets one facet has a closed form and is integrated on a lattice; what
+meets more is an estimate, whose mean over random directions carries a standard error.
 """
 
 from __future__ import annotations
@@ -14,6 +14,7 @@ import drjit as dr
 import numpy as np
 import pytest
 
+import urushi as ur
 from lanes import DOUBLE, SINGLE, back, direction, needs_llvm
 from leaves import Leaves
 from microwalk import draw, glass, numbers, streams
@@ -33,6 +34,38 @@ Case = tuple[float, float, float, float]
 def cases(rough: list[tuple[float, float]], etas: tuple[float, ...]) -> list[Case]:
     """(alpha_x, alpha_y, eta, cosine)."""
     return [(*alpha, eta, cos) for alpha, eta, cos in itertools.product(rough, etas, COSINES)]
+
+
+@pytest.mark.parametrize("distribution", ["ggx", pytest.param("beckmann", marks=pytest.mark.slow)])
+def test_samples_carry_all_light(distribution: str, rng: np.random.Generator) -> None:
+    """Each path by itself, at every corner, nearly matched indices among them."""
+    n = 1 << 8
+    x, y, eta, cos = np.repeat(np.array(cases(ROUGH, (1.05, 1.5, 3.0))).T, n, axis=1)
+    w = SINGLE.vectors(direction(cos, PHI))
+    for above in (True, False):
+        u = numbers(SINGLE, rng, len(cos))
+        event = glass(SINGLE, eta, x, y, distribution).sample(w, u, above, "both", streams(w, 3))
+        found = back(event.weight).reshape(-1, n).mean(axis=1)
+        assert np.abs(found - 1).max() < 1e-6
+        assert np.array_equal(back(event.o)[:, 2] < 0, np.array(event.through))
+
+
+@pytest.mark.parametrize("distribution", ["ggx", pytest.param("beckmann", marks=pytest.mark.slow)])
+def test_furnace_of_a_stack(distribution: str) -> None:
+    """Reflectance and transmittance of a solved stack at the same corners: each is an estimate of its own."""
+    wi = direction(np.tile(COSINES, 2), PHI)
+    wi[len(COSINES) :, 2] *= -1
+    off, errors = [], []
+    for alpha, eta in itertools.product(ROUGH, (1.05, 1.5, 3.0)):
+        coat = ur.Dielectric(ior=eta, alpha=alpha, distribution=distribution, multiple_scattering="walk")
+        bsdf = ur.solve(ur.Stack(layers=[coat]), "walk", samples=1 << 15)
+        one, other = bsdf.reflectance(wi, with_error=True), bsdf.transmittance(wi, with_error=True)
+        off.append(one[0][:, 0] + other[0][:, 0] - 1)
+        errors.append(np.hypot(one[1][:, 0], other[1][:, 0]))
+    z = np.array(off) / np.hypot(errors, 1e-5)
+    assert np.abs(z).max() < 4.5, (np.unravel_index(np.argmax(np.abs(z)), z.shape), np.abs(z).max())
+    assert np.max(errors) < 5e-3
+    assert abs(np.average(off, weights=1 / (np.square(errors) + 1e-6))) < 1e-3
 
 
 def once(table: np.ndarray, above: bool, distribution: str) -> np.ndarray:
