@@ -1,15 +1,17 @@
-"""What the scripts beside this one share: Fresnel's equations, directions, and how a script is called."""
+"""What the scripts beside this one share: Fresnel's equations, directions, renders, and how a script is called."""
 
 from __future__ import annotations
 
 import argparse
 import sys
+import tempfile
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+import urushi as ur
 from urushi.plot import style
 
 
@@ -46,6 +48,55 @@ def evenly(bsdf: Any) -> np.ndarray:
     x, weight = np.polynomial.legendre.leggauss(12)
     cos = 0.5 * (x + 1)
     return np.asarray((weight * cos) @ bsdf.reflectance(directions(np.degrees(np.arccos(cos)))))
+
+
+def plugin(stack: ur.Stack) -> Any:
+    """The stack as a BSDF of Mitsuba, by the plugin `layered`."""
+    mi = mitsuba()
+    with tempfile.TemporaryDirectory() as folder:
+        ur.save(stack, file := Path(folder, "material.yaml"))
+        return mi.load_dict({"type": "layered", "filename": str(file)})
+
+
+def normal_map(slope: np.ndarray, file: Path) -> ur.Texture:
+    """A normal map of slopes (H, W, 2) along u and v (downwards, as rows go), written to a .png of 16 bits."""
+    normal = np.stack([-slope[..., 0], slope[..., 1], np.ones(slope.shape[:2])], axis=2)
+    normal /= np.linalg.norm(normal, axis=2, keepdims=True)
+    mitsuba().Bitmap(np.round(65535 * (0.5 + 0.5 * normal)).astype(np.uint16)).write(str(file))
+    return ur.Texture(file=str(file))
+
+
+def photograph(scene: dict[str, Any], spp: int) -> np.ndarray:
+    """(H, W, 3) a picture of a Mitsuba scene, tone-mapped to 8-bit sRGB."""
+    from urushi.adapters import picture
+
+    return picture.tonemap(picture.render(mitsuba().load_dict(scene), spp))
+
+
+def look_at(scene: dict[str, Any], origin: list[float], target: list[float], fov: float) -> None:
+    """Turn the camera of a scene; its field of view is in degrees."""
+    to_world = mitsuba().ScalarTransform4f().look_at(origin=origin, target=target, up=[0, 0, 1])
+    scene["sensor"] |= {"fov": fov, "to_world": to_world}
+
+
+def show(axes: Any, image: np.ndarray, title: str = "") -> None:
+    """A picture without ticks, and its title."""
+    axes.imshow(image, interpolation="antialiased")
+    axes.set(title=title)
+    axes.axis("off")
+
+
+def mitsuba() -> Any:
+    """Mitsuba, its variant set and Urushi's plugins registered."""
+    import mitsuba as mi  # after `urushi` has found an LLVM
+
+    if mi.variant() is None or not mi.variant().startswith("llvm"):
+        mi.set_variant("llvm_ad_rgb")
+    import urushi.mitsuba  # noqa: F401 (registers the plugins)
+    from urushi.adapters import picture
+
+    picture.enough_threads()
+    return mi
 
 
 def labelled(axes: Any, title: str, x: str = "", y: str = "", **more: Any) -> None:

@@ -28,6 +28,24 @@ HEADLINES = {
         [(30, 40), (10, 16), (37, 43), (55, 63)],
     ),
     "lost_energy": (r"loses (\d+)% .* and (\d+)%.*\n.*most (\S+)%", [(67, 71), (58, 68), (0, 8)]),
+    "three_methods": (
+        r"within (\S+) of .* by (\d+)% to (\d+)%; .* by (\S+) of",
+        [(0, 0.02), (0, 3), (20, 60), (0, 3)],
+    ),
+    "enamel_photograph": (
+        r"back (\d+)% of red .* (\d+)% of green\n.*back (\d+)%",
+        [(61, 65), (10, 12), (9, 11)],
+    ),
+    "brushed_lacquer": (r"nickel (\S+) times .* and (\S+) times", [(1.45, 1.6), (1.35, 1.5)]),
+    "varnished_wood": (
+        r"highlight by (\d+)%, .* by (\d+)%\n.*highlight by (\d+)%, .* by (\d+)%",
+        [(0, 3), (1, 10), (60, 150), (0, 10)],
+    ),
+    "presets": (r"^(\d+) of the presets", [(8, 8)]),
+    "which_method": (
+        r"in (\S+) s and (\S+) s, the walk in (\S+) s and (\S+) s; .* by (\S+)% and (\S+)%",
+        [(0, 60), (0, 60), (0, 600), (0, 600), (0, 0.2), (2, 8)],
+    ),
     "naive_lobes": (
         r"up to (\d+)% .* lobe (\S+) times.*\n.*up to (\S+) too",
         [(105, 120), (3, 6), (0.1, 0.3)],
@@ -43,7 +61,16 @@ def shared(monkeypatch: pytest.MonkeyPatch) -> None:
     sys.modules.pop(SHARED, None)
 
 
-LONG = ("skin_apart", "wet_stone")
+LONG = (
+    "brushed_lacquer",
+    "enamel_photograph",
+    "presets",
+    "skin_apart",
+    "three_methods",
+    "varnished_wood",
+    "wet_stone",
+    "which_method",
+)
 
 
 @pytest.mark.parametrize(
