@@ -40,9 +40,14 @@ def draw(quick: bool) -> style.Figure:
             options = GIVEN[method][: 2 if quick else 9]
             found[method] = np.array([timed(stack, method, given, w, truth) for given in options]).T
             axes.loglog(*found[method], look, color=colour, mfc="white", label=LABELS[method])
-            for given, at in zip(options, found[method].T, strict=True):
-                text = " ".join(map(str, given.values()))
-                axes.annotate(text, at, (5, 4), textcoords="offset points", color=colour)
+            for k, given in enumerate(options):
+                left = (
+                    {"xytext": (-6, -11), "ha": "right"}
+                    if method == "adding" and k == 1
+                    else {"xytext": (5, 4)}
+                )
+                text, look = " ".join(map(str, given.values())), {"textcoords": "offset points", **left}
+                axes.annotate(text, found[method][:, k], color=colour, **look)
         first = int(np.argmax(found["adding"][1] <= 0.01))
         walk = found["walk"][0, -1] * (found["walk"][1, -1] / 0.01) ** 2
         said += [found["adding"][0, first], walk, found["lobes"][1, 0]]
