@@ -40,20 +40,14 @@ def draw(quick: bool) -> style.Figure:
             options = GIVEN[method][: 2 if quick else 9]
             found[method] = np.array([timed(stack, method, given, w, truth) for given in options]).T
             axes.loglog(*found[method], look, color=colour, mfc="white", label=LABELS[method])
-            for k, given in enumerate(options):
-                left = (
-                    {"xytext": (-6, -11), "ha": "right"}
-                    if method == "adding" and k == 1
-                    else {"xytext": (5, 4)}
-                )
-                text, look = " ".join(map(str, given.values())), {"textcoords": "offset points", **left}
-                axes.annotate(text, found[method][:, k], color=colour, **look)
+            for given, at in zip(options, found[method].T, strict=True):
+                x, y, side = (-6, -11, "right") if given == {"accuracy": 0.01} else (5, 4, "left")
+                text = " ".join(map(str, given.values()))
+                axes.annotate(text, at, (x, y), textcoords="offset points", color=colour, ha=side)
         first = int(np.argmax(found["adding"][1] <= 0.01))
         walk = found["walk"][0, -1] * (found["walk"][1, -1] / 0.01) ** 2
         said += [found["adding"][0, first], walk, found["lobes"][1, 0]]
-        labelled(
-            axes, name, "processor seconds: solving, and all values", "error (rms, share of the rms value)"
-        )
+        labelled(axes, name, "processor seconds: solving, and all values", "error (rms, of the rms value)")
     text = "Within 1%: adding in {0:.2g} s and {3:.2g} s, the walk in {1:.2g} s and {4:.2g} s"
     text += "; lobes is off by {2:.1%} and {5:.1%}"
     below = f"{w.shape[1]:,} pairs of directions; a renderer asks once for each ray: there one sample is best"
