@@ -144,7 +144,7 @@ def brushed_glass_axes() -> dict[str, Any]:
     alpha = t.brushed_roughnesses(n_alpha)[:, None, None, None]
     ratio = t.ratios(n_ratio)[:, None, None]
     turn = np.linspace(0, np.pi / 2, n_phi)[:, None]
-    phi = np.arctan2(np.sin(turn), np.cos(turn) * ratio**0.25)
+    phi = np.arctan2(np.sin(turn), np.cos(turn) * ratio**-t.LEAN)
     along = np.hypot(alpha * np.cos(phi), alpha / ratio * np.sin(phi))
     cos = t.cosines(t.WIDER * along[..., 0], n_cos)
     return {"cos": cos, "phi": phi, "alpha_x": alpha, "alpha_y": alpha / ratio, "eta": t.bends(along)}
@@ -169,6 +169,19 @@ def brushed_means(model: tuple[str, str]) -> NDArray[Any]:
 
     The first over the roughness, not its square: what the table rounds, smooth surfaces lose at all angles.
     """
+    from urushi.interfaces import tables as t
+
+    nodes = t.brushed_roughnesses(4 * t.BRUSHED[0] - 3), t.ratios(t.BRUSHED[1])
+    found = np.empty((2, t.MEAN_INDICES, *(len(axis) for axis in nodes)))
+    for (j, alpha), (k, ratio) in itertools.product(*map(enumerate, nodes)):
+        if j > 0:
+            found[:, :, j, k] = brushed_mean(model, float(alpha), float(ratio))
+    found[:, :, 0] = found[:, :, 1]  # the smoothest is as the next
+    return found.astype(np.float16)
+
+
+def brushed_mean(model: tuple[str, str], alpha: float, ratio: float) -> NDArray[np.float64]:
+    """The same for one roughness and one ratio, of all indices: (2, MEAN_INDICES)."""
     from drjit.llvm.ad import Array3f64, Float64
 
     from urushi.interfaces import tables as t
@@ -176,21 +189,13 @@ def brushed_means(model: tuple[str, str]) -> NDArray[Any]:
     from urushi.interfaces.missing import Missing
     from urushi.optics.microfacet import Microfacets
 
-    nodes = t.indices(t.MEAN_INDICES), t.brushed_roughnesses(4 * t.BRUSHED[0] - 3), t.ratios(t.BRUSHED[1])
-    found = np.empty((2, *(len(axis) for axis in nodes)))
-    for (j, alpha), (k, ratio) in itertools.product(*map(enumerate, nodes[1:])):
-        if j == 0:
-            continue
-        w, weight = hemisphere(12, 48, float(alpha / ratio))
-        lanes = np.tile(w, (t.MEAN_INDICES, 1))
-        eta = np.repeat(nodes[0], len(w))
-        surface = Microfacets(Float64(alpha), Float64(alpha / ratio), *model)
-        lost = Missing(surface, Float64(eta), False, Float64)(Array3f64(*np.ascontiguousarray(lanes.T)), True)
-        lost = np.array(lost).reshape(-1, len(w))
-        found[0, :, j, k] = lost @ weight / alpha
-        found[1, :, j, k] = lost @ (weight * w[:, 2]) / (lost @ weight)
-    found[:, :, 0] = found[:, :, 1]  # the smoothest is as the next
-    return found.astype(np.float16)
+    w, weight = hemisphere(12, 48, alpha / ratio)
+    lanes = np.tile(w, (t.MEAN_INDICES, 1))
+    eta = np.repeat(t.indices(t.MEAN_INDICES), len(w))
+    surface = Microfacets(Float64(alpha), Float64(alpha / ratio), *model)
+    lost = Missing(surface, Float64(eta), False, Float64)(Array3f64(*np.ascontiguousarray(lanes.T)), True)
+    lost = np.array(lost).reshape(-1, len(w))
+    return np.stack([lost @ weight / alpha, lost @ (weight * w[:, 2]) / (lost @ weight)])
 
 
 @functools.cache
@@ -238,37 +243,42 @@ def bounced(distribution: str, alpha: float, eta: float) -> float:
 
 
 def shares(model: tuple[str, str]) -> NDArray[Any]:
-    """[index from 1, roughness]: what is lost and then transmitted, over all that could be (`Missing.exchanged`).
+    """[index from 1, roughness]: what is lost and then transmitted, over all that could be (`Missing.exchanged`)."""
+    from urushi.interfaces import tables as t
+
+    found = np.ones((t.SHARE_INDICES, t.SHARE_ROUGHNESSES))
+    for j, alpha in enumerate(t.roughnesses(t.SHARE_ROUGHNESSES)):
+        for i, eta in enumerate(t.indices(2 * t.SHARE_INDICES - 1)[t.SHARE_INDICES - 1 :]):
+            if i > 0 and j > 0:  # equal indices reflect nothing; the smoothest is as the next
+                found[i, j] = share(model, float(alpha), float(eta))
+        print(model, f"{alpha:.4f}", found[:, j].round(3), flush=True)
+    found[:, 0] = found[:, 1]
+    assert found.min() > 0 and found.max() < 1.02, (found.min(), found.max())
+    return np.minimum(found, 1).astype(np.float32)
+
+
+def share(model: tuple[str, str], alpha: float, eta: float) -> float:
+    """The same for one roughness and one index.
 
     What the walk reflects and single scattering does not, is the rest; with separable masking that is more.
     """
     from drjit.llvm.ad import Float64
 
     from urushi.interfaces import BoundDielectric, energy
-    from urushi.interfaces import tables as t
     from urushi.interfaces.base import Frame
     from urushi.interfaces.missing import Missing
     from urushi.optics.microfacet import Microfacets
 
-    found = np.ones((t.SHARE_INDICES, t.SHARE_ROUGHNESSES))
-    for j, alpha in enumerate(t.roughnesses(t.SHARE_ROUGHNESSES)):
-        for i, eta in enumerate(t.indices(2 * t.SHARE_INDICES - 1)[t.SHARE_INDICES - 1 :]):
-            if i == 0 or j == 0:
-                continue  # equal indices reflect nothing; the smoothest is as the next
-            facets = Microfacets(Float64(alpha), Float64(alpha), *model)
-            missing = Missing(facets, Float64(eta), True, Float64)
-            reflected = bounced(model[0], float(alpha), float(eta))
-            if model[1] == "separable":
-                facing = Microfacets(Float64(alpha), Float64(alpha), model[0], "correlated")
-                for sign, one in ((1, facing), (-1, facets)):
-                    interface = BoundDielectric(Float64(eta), one, False, Frame(0.0))
-                    reflected += sign * float(energy.hemispherical(interface, accuracy=1e-3).reflectance)
-            one, other = float(missing.mean(True)[0]), float(eta**2 * missing.mean(False)[0])
-            found[i, j] = (one - reflected) / min(one, other)
-        print(model, f"{alpha:.4f}", found[:, j].round(3), flush=True)
-    found[:, 0] = found[:, 1]
-    assert found.min() > 0 and found.max() < 1.02, (found.min(), found.max())
-    return np.minimum(found, 1).astype(np.float32)
+    facets = Microfacets(Float64(alpha), Float64(alpha), *model)
+    missing = Missing(facets, Float64(eta), True, Float64)
+    reflected = bounced(model[0], alpha, eta)
+    if model[1] == "separable":
+        facing = Microfacets(Float64(alpha), Float64(alpha), model[0], "correlated")
+        for sign, one in ((1, facing), (-1, facets)):
+            interface = BoundDielectric(Float64(eta), one, False, Frame(0.0))
+            reflected += sign * float(energy.hemispherical(interface, accuracy=1e-3).reflectance)
+    one, other = float(missing.mean(True)[0]), float(eta**2 * missing.mean(False)[0])
+    return (one - reflected) / min(one, other)
 
 
 #: tables and what makes them, in the order in which one needs the other

@@ -5,7 +5,7 @@ An axis is a coordinate in [0, 1] with nodes at equal distances, chosen such tha
     cosine     most of the range for cosines below the roughness, where masking sets in, the rest for all of them
     roughness  its square root
     index      the root of the logarithm, so that nodes crowd around equal indices; from 1/5 to 5
-    ratio      logarithm of the larger over the smaller roughness, from 1 to 12; narrower brushing counts as 12
+    ratio      logarithm of the larger over the smaller roughness, from 1 to 16; narrower brushing counts as 16
     azimuth    linear in the angle from the direction of the larger roughness, a quarter turn
 
 Brushed glass has few nodes for many dimensions, and what it loses is steep where total reflection sets in: at facets
@@ -15,7 +15,7 @@ axes are therefore scaled by that roughness, so that the steep place lies at the
     cosine     as above, with twice the roughness in the azimuth of the light
     index      `of_bend`: the cosine of the critical angle, scaled like a cosine; the root of the logarithm in part
     roughness  its power 2/3: what the steepest facets of Beckmann do changes most among the roughest
-    azimuth    linear in the angle when the smaller roughness is scaled up by the fourth root of the ratio
+    azimuth    linear in the angle, but for a slight crowding of nodes around the direction of the smaller roughness
 
 Between nodes everything is linear. The files hold the square roots of energies as integers, which resolves small ones.
 `tools/make_energy_tables.py` writes them, with `interfaces.energy`.
@@ -40,9 +40,9 @@ DATA = Path(__file__).parent / "data"
 #: nodes of the tables of isotropic surfaces
 COSINES, ROUGHNESSES, INDICES = 64, 32, 97
 #: nodes of those of brushed metal
-COARSE_COSINES, COARSE_ROUGHNESSES, RATIOS, AZIMUTHS = 20, 12, 7, 13
+COARSE_COSINES, COARSE_ROUGHNESSES, RATIOS, AZIMUTHS = 22, 17, 8, 13
 #: and of brushed glass [roughness, ratio, azimuth, cosine]; cells of its index for light from the denser side, and not
-BRUSHED, DENSE, THIN = (14, 10, 17, 26), 24, 12
+BRUSHED, DENSE, THIN = (14, 8, 19, 28), 24, 12
 #: nodes of the means of brushed glass, along the index
 MEAN_INDICES = 25
 #: and those of how what is lost is shared; indices from 1 on
@@ -50,11 +50,13 @@ SHARE_INDICES, SHARE_ROUGHNESSES = 17, 12
 #: what the square root of 1 is in a file, by the type of its integers
 LEVELS = {"uint16": 4095, "uint8": 255}
 #: largest index ratio, and largest ratio of roughnesses
-MOST_INDEX, MOST_RATIO = 5.0, 12.0
+MOST_INDEX, MOST_RATIO = 5.0, 16.0
 #: share of the cosines' axis for those below the roughness
 NEAR = 0.6
 #: share of the part of `of_bend` that is scaled by the roughness, from the denser side or not, and how many times that
 BENT, UNBENT, WIDER = 0.8, 0.5, 2.0
+#: azimuths of brushed glass: those of directions whose part across is divided by the ratio to this power
+LEAN = 0.1
 #: the roughness that stands for 0
 SMOOTHEST = 1e-4
 
@@ -101,7 +103,7 @@ def of_brushed_roughness(alpha: Array) -> Array:
 
 def of_azimuth(along: Array, across: Array, ratio: Array) -> Array:
     """The azimuth of brushed glass, from the parts of a direction and the ratio of roughnesses."""
-    return dr.atan2(across * dr.sqrt(dr.sqrt(ratio)), at_least(along, 1e-12)) * (2 / math.pi)
+    return dr.atan2(across * dr.power(ratio, -LEAN), at_least(along, 1e-12)) * (2 / math.pi)
 
 
 def of_ratio(alpha_x: Array, alpha_y: Array) -> Array:
@@ -189,7 +191,7 @@ def refined(kind: str, model: str) -> NDArray[np.float64]:
     elif kind == "brushed_glass":
         # Equal indices are no smooth limit: each side by itself.
         table = np.concatenate([_doubled(table[: DENSE + 1], 0)[:-1], _doubled(table[DENSE:], 0)])
-        table = _doubled(table, -2, True)
+        table = _doubled(_doubled(table, -2, True), -3)
     else:
         # Linear pieces have steps in their derivative by roughness: smaller ones now.
         table = _doubled(table, -2)
