@@ -24,9 +24,10 @@ NORMALS = {"steep": direction(0.5, 0.4), "gentle": np.array([0.3, 0.1, 1.0])}
 
 
 def glass(normal: np.ndarray) -> Tilted:
+    """Below a stack's outer side: light from above is folded by the plane, from below by the wall."""
     facets = Microfacets(SINGLE([0.3]), SINGLE([0.5]), "ggx", "correlated")
     inner = BoundDielectric(SINGLE([1.5]), facets, False, Frame(30.0))
-    return Tilted(inner, [SINGLE([x]) for x in normal])
+    return Tilted(inner, [SINGLE([x]) for x in normal], (True, False))
 
 
 def numbers(rng: np.random.Generator) -> tuple[Any, Any, Any]:
@@ -119,3 +120,17 @@ def test_a_smooth_one_stretches_solid_angles_by_its_own_cosines(rng: np.random.G
     event = interface.sample(SINGLE.vectors(w), numbers(rng), True, "transmit")
     found = back(interface.stretch(SINGLE.vectors(w), event.o, True))
     assert np.allclose(found, 1.5**2 * np.abs(back(event.o) @ normal) / (w @ normal), rtol=1e-3)
+
+
+def test_a_mirror_sends_light_from_behind_as_if_it_were_level(rng: np.random.Generator) -> None:
+    """From outside; inside, the wall turns it around."""
+    normal = NORMALS["gentle"] / np.linalg.norm(NORMALS["gentle"])
+    w = hemisphere(rng, 4000, 0.02)
+    w = w[w @ normal < -0.01]
+    assert len(w) > 100
+    for outside in (True, False):
+        mirror = BoundDielectric(SINGLE([1.5]), None, True, Frame(0.0))
+        interface = Tilted(mirror, [SINGLE([x]) for x in normal], (outside, True))
+        u = tuple(SINGLE(np.full(len(w), x)) for x in (0.5, 0.5, 0.5))
+        o = back(interface.sample(SINGLE.vectors(w), u, True, "reflect").o)
+        assert np.allclose(o, w * (-1, -1, 1), atol=1e-5) == outside

@@ -93,6 +93,18 @@ def test_no_light_is_lost_at_any_tilt() -> None:
         assert np.all(np.abs(r + t - 1) < 5 * np.hypot(dr, dt) + 1e-5), (layers, r + t)
 
 
+def test_a_rim_does_not_glow(rng: np.random.Generator) -> None:
+    """Ripples seen at grazing angles send no light back to the side of the viewer, and much to the other."""
+    slopes = 0.15 * rng.normal(size=(4096, 2))
+    given = {"layer_0.normal": np.concatenate([slopes, np.ones((4096, 1))], axis=1)}
+    layers = [ur.Dielectric(ior=1.5, alpha=0.05), ur.Medium(depth=9.0, albedo=0.0), ur.Diffuse(reflectance=0)]
+    bsdf = solve(layers, 1, parameters=given)
+    viewer, lights = direction(0.1, 0.0), (direction(0.4, 0.5), direction(0.1, np.pi))
+    wi, *wo = (np.broadcast_to(w, (4096, 3)) for w in (viewer, *lights))
+    same, other = (bsdf.eval(wi, w)[:, 0].mean() for w in wo)
+    assert other > 0.1 and same < 1e-3 * other, (same, other)
+
+
 def test_a_flat_normal_changes_nothing_but_noise() -> None:
     wi, wo = direction(np.array([0.9, 0.5, -0.7]), 0.3), direction(np.array([0.8, -0.4, 0.6]), 2.0)
     plain = [ur.Dielectric(ior=1.5, alpha=0.2), FOG, ur.Dielectric(ior=1.3, alpha=0.3)]

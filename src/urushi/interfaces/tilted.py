@@ -4,13 +4,17 @@ The layer below goes on as if flat (the layers stay parallel on average); light 
 its own normal n. Two sides then disagree, that of n and that of the surface, and light that would be between the
 two is *folded*:
 
-    light that comes from behind the tilted plane is mirrored in an upright wall across the tilt, and meets its front
+    light from outside the stack that comes from behind the tilted plane is mirrored in that plane, and meets its front
+    light from inside the stack that does is mirrored in an upright wall across the tilt instead
     light that leaves on the wrong side of the surface is mirrored in the plane of the surface
 
-So nothing is lost: an interface that keeps all light keeps it with any normal (theory (walk.15, walk.16)). Elsewhere
-(nearly everywhere, at small tilts) it is classical normal mapping, f cos(n, o), as in Mitsuba's `normalmap`. As that
-it is not reciprocal: what a fixed normal reflects from w to o and from o to w differs by the ratio of cosines to n
-and to the surface. Guo et al. 2018 (section 4.4 and their code) drop the light in between.
+Light from behind that a mirror reflects leaves as from the level surface by the plane, and back to where it came from
+by the wall, that of Schuessler et al. 2017. Seen from outside the wall makes a glowing rim, lit from the viewer's side;
+inside it keeps light from being caught between two smooth interfaces for ever. Nothing is lost: an interface that keeps
+all light keeps it with any normal (theory (walk.15, walk.16)). Elsewhere (nearly everywhere, at small tilts) it is
+classical normal mapping, f cos(n, o), as in Mitsuba's `normalmap`. As that it is not reciprocal: what a fixed normal
+reflects from w to o and from o to w differs by the ratio of cosines to n and to the surface. Guo et al. 2018 (section
+4.4 and their code) drop the light in between.
 
 A solver that follows light backwards needs `towards`: from where light came into a direction.
 
@@ -67,12 +71,13 @@ class Tilted(Interface):
         inner: the interface in the frame of its normal.
         normal: towards the upper side, of any length, z > 0: three numbers, one or one per lane. Its x axis is that of
             the surface, made perpendicular to the normal, as in Mitsuba.
+        outside: whether the outside of the stack is above it, and below it.
     """
 
     tilted = True
 
-    def __init__(self, inner: Interface, normal: Any) -> None:
-        self.inner = inner
+    def __init__(self, inner: Interface, normal: Any, outside: tuple[bool, bool] = (True, True)) -> None:
+        self.inner, self.outside = inner, outside
         self.opaque, self.flat, self.delta = inner.opaque, inner.flat, inner.delta
         self.stochastic = inner.stochastic
         self.frame = getattr(inner, "frame", Frame(0.0))
@@ -105,16 +110,25 @@ class Tilted(Interface):
         return type(w)(*(w.x * a + w.y * b + w.z * c for a, b, c in zip(s, t, n, strict=True)))
 
     def met(self, w: Vector, above: bool) -> Vector:
-        """A direction that light comes from, as the interface meets it: by way of the wall where it lies behind."""
-        straight, turned = self.enter(w, above), self.enter(self._flipped(w), above)
-        found = dr.select(straight.z > 0, straight, turned)
-        return type(w)(found.x, found.y, dr.abs(found.z))
+        """A direction that light comes from, as the interface meets it: mirrored where it lies behind."""
+        straight, turned = self.enter(w, above), self.enter(self._turned(w, above, above), above)
+        return _sided(
+            type(w)(*(dr.select(straight.z > 0, *both) for both in zip(straight, turned, strict=True))), False
+        )
 
-    def _flipped(self, w: Vector) -> Vector:
-        """`w` mirrored in the wall."""
+    def _turned(self, w: Vector, above: bool, side: bool) -> Vector:
+        """`w`, of the frame of `above`, mirrored in the tilted plane or the wall, as light on that side is."""
+        if self.outside[0 if side else 1]:
+            return self.leave(mirror(self.enter(w, above)), above)
         x, y = self._wall
         twice = 2 * (w.x * x + w.y * y)
         return type(w)(w.x - twice * x, w.y - twice * y, w.z)
+
+    def _twice(self, front: Vector, above: bool, through: bool) -> tuple[Vector, Any]:
+        """The direction from behind that is met as `front` is, and whether there is such."""
+        behind = self._turned(front, above, above != through)
+        back = self.enter(behind, above).z
+        return behind, (back > 0) & (behind.z < 0) if through else (back < 0) & (behind.z > 0)
 
     def _images(self, o: Vector, above: bool, through: bool) -> list[tuple[Any, Vector]]:
         """The directions of its frame that leave along o, the second by folding, and where there are such."""
@@ -220,14 +234,15 @@ class Tilted(Interface):
         take = first & (negate(second) | (uniform(rng, o) < 0.5))
         way = type(o)(*(dr.select(take, a, b) for a, b in zip(way, other, strict=True)))
         event = self.inner.sample(way, u, above, part, rng)
-        # What is met as this direction came straight from it, or from behind by way of the wall.
+        # What is met as this direction came straight from it, or from behind.
         front = self.leave(event.o, above)
-        behind = self._flipped(front)
-        back = self.enter(behind, above).z
-        two = dr.select(event.through, back > 0, back < 0)
+        behind, two = self._twice(front, above, False)
+        if not self.opaque:
+            across, more = self._twice(front, above, True)
+            behind, two = dr.select(event.through, across, behind), dr.select(event.through, more, two)
         origins = dr.select(dr.select(event.through, front.z < 0, front.z > 0), 1 + _count(two, o), 0)
-        wall = two & (uniform(rng, o) < 0.5)
-        w = type(o)(*(dr.select(wall, a, b) for a, b in zip(behind, front, strict=True)))
+        turn = two & (uniform(rng, o) < 0.5)
+        w = type(o)(*(dr.select(turn, a, b) for a, b in zip(behind, front, strict=True)))
         eta = 1.0 if self.opaque else self.inner.ratio(above)
         bent = way.z / (at_least(dr.abs(event.o.z), GRAZING) * dr.square(eta))
         turned = dr.select(event.through, bent, way.z / at_least(dr.abs(event.o.z), GRAZING))
@@ -241,8 +256,7 @@ class Tilted(Interface):
     def _origins(self, image: Vector, above: bool) -> Array:
         """How many directions on the other side of the surface are met as this one."""
         front = self.leave(image, above)
-        two = self.enter(self._flipped(front), above).z > 0
-        return dr.select(front.z < 0, 1 + _count(two, image), 0)
+        return dr.select(front.z < 0, 1 + _count(self._twice(front, above, True)[1], image), 0)
 
     # --- what planning needs -------------------------------------------------------------------------------------
 

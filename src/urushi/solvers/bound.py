@@ -95,7 +95,9 @@ def bind(stack: Any, values: Mapping[str, Array], fixed: Mapping[str, Any]) -> B
             interface, index, known = INTERFACES[key(layer)].bind(given)
             normal = values.get(f"layer_{i}.normal")
             if normal is not None and not isinstance(interface, Null):
-                interface = Tilted(interface, normal)
+                first = all(isinstance(other, Null) for other in interfaces)
+                last = all(other.kind in MEDIA for other in stack.layers[i + 1 :])
+                interface = Tilted(interface, normal, (first, last))
             close(interface, index, known)
             pending = False
             continue
