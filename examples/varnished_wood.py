@@ -47,7 +47,7 @@ def draw(quick: bool) -> style.Figure:
             bsdf = plugin(stack.replace(given))
         view = scene(bsdf, size=(40, 40) if quick else (370, 370))
         look_at(view, [0, -7.4, 3.1], [0, 0, 1.15], fov=16.5)
-        show(axes, photograph(view, 4 if quick else 96), name)
+        show(axes, photograph(view, 4 if quick else 192), name)
     n = 64 if quick else 1024
     (a, b), (c, d) = ([changes(slopes, i, directions(out), n) for out in (-45, 0)] for i in (2, 0))
     text = f"Relief in the wood varies the highlight by {a:.0%}, the colour beside it by {b:.0%}"

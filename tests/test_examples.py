@@ -30,7 +30,7 @@ HEADLINES = {
     "lost_energy": (r"loses (\d+)% .* and (\d+)%.*\n.*most (\S+)%", [(67, 71), (58, 68), (0, 8)]),
     "three_methods": (
         r"within (\S+) of .* by (\d+)% to (\d+)%; .* by (\S+) of",
-        [(0, 0.02), (0, 3), (20, 60), (0, 3)],
+        [(0, 0.02), (0, 3), (5, 60), (0, 3)],
     ),
     "enamel_photograph": (
         r"back (\d+)% of red .* (\d+)% of green\n.*back (\d+)%",
@@ -39,12 +39,12 @@ HEADLINES = {
     "brushed_lacquer": (r"nickel (\S+) times .* and (\S+) times", [(1.45, 1.6), (1.35, 1.5)]),
     "varnished_wood": (
         r"highlight by (\d+)%, .* by (\d+)%\n.*highlight by (\d+)%, .* by (\d+)%",
-        [(0, 3), (1, 10), (60, 150), (0, 10)],
+        [(0, 3), (0, 10), (60, 150), (0, 10)],
     ),
     "presets": (r"^(\d+) of the presets", [(8, 8)]),
     "which_method": (
         r"in (\S+) s and (\S+) s, the walk in (\S+) s and (\S+) s; .* by (\S+)% and (\S+)%",
-        [(0, 60), (0, 60), (0, 600), (0, 600), (0, 0.2), (2, 8)],
+        [(0, 60), (0, 60), (0, 600), (0, 600), (0, 0.2), (0.5, 8)],
     ),
     "naive_lobes": (
         r"up to (\d+)% .* lobe (\S+) times.*\n.*up to (\S+) too",
