@@ -25,7 +25,7 @@ def pairs(count: int) -> np.ndarray:
 
 def timed(stack: ur.Stack, method: str, given: dict[str, float], w: np.ndarray, truth: np.ndarray) -> list:
     """Processor seconds to solve and evaluate (what is compiled once for all is not counted), and the error."""
-    ur.solve(stack, method, **given).eval(*w[:, :2])
+    ur.solve(stack, method, **given).eval(*(w[:, :2] if method == "walk" else w))
     start = time.process_time()
     values = ur.solve(stack, method, **given).eval(*w)
     return [time.process_time() - start, np.linalg.norm(values - truth) / np.linalg.norm(truth)]
