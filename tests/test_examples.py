@@ -41,6 +41,10 @@ HEADLINES = {
         r"highlight by (\d+)%, .* by (\d+)%\n.*highlight by (\d+)%, .* by (\d+)%",
         [(0, 3), (0, 10), (60, 150), (0, 10)],
     ),
+    "normal_filtering": (
+        r"is (\d+)% off by the walk, (\d+)% by lobes\n.*is (\d+)% off",
+        [(4, 15), (5, 18), (35, 55)],
+    ),
     "presets": (r"^(\d+) of the presets", [(8, 8)]),
     "which_method": (
         r"in (\S+) s and (\S+) s, the walk in (\S+) s and (\S+) s; .* by (\S+)% and (\S+)%",
@@ -64,6 +68,7 @@ def shared(monkeypatch: pytest.MonkeyPatch) -> None:
 LONG = (
     "brushed_lacquer",
     "enamel_photograph",
+    "normal_filtering",
     "presets",
     "skin_apart",
     "three_methods",
