@@ -111,9 +111,13 @@ class Tilted(Interface):
 
     def met(self, w: Vector, above: bool) -> Vector:
         """A direction that light comes from, as the interface meets it: mirrored where it lies behind."""
-        straight, turned = self.enter(w, above), self.enter(self._turned(w, above, above), above)
+        straight = self.enter(w, above)
+        if self.outside[0 if above else 1]:
+            return _sided(straight, False)
+        turned = self.enter(self._turned(w, above, above), above)
+        front = straight.z > 0
         return _sided(
-            type(w)(*(dr.select(straight.z > 0, *both) for both in zip(straight, turned, strict=True))), False
+            type(w)(*(dr.select(front, a, b) for a, b in zip(straight, turned, strict=True))), False
         )
 
     def _turned(self, w: Vector, above: bool, side: bool) -> Vector:
