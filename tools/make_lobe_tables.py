@@ -319,6 +319,7 @@ def fixed_point(table: np.ndarray) -> np.ndarray:
 def main() -> None:
     """Compute and write every table."""
     ensure()
+    import lobe_exits
     import lobe_round_trips
     import lobe_sheets
     from urushi.solvers.lobes import tables
@@ -330,6 +331,7 @@ def main() -> None:
     np.savez_compressed(OUT / "lobes.npz", **{name: fixed_point(table) for name, table in low.items()})
     np.savez_compressed(OUT / "round_trips.npz", round_trips=fixed_point(lobe_round_trips.tables()))
     np.savez_compressed(OUT / "sheets.npz", sheets=fixed_point(lobe_sheets.tables()))
+    np.savez_compressed(OUT / "exits.npz", exits=fixed_point(lobe_exits.tables()))
     for distribution in ("ggx", "beckmann"):
         for masking in ("correlated", "separable"):
             made = [*dielectric((distribution, masking)), *metal((distribution, masking))]

@@ -20,6 +20,8 @@ INDICES, ROUGHNESSES, WIDTHS, COSINES = 15, 13, 9, 33
 ENTRIES = 25
 #: nodes along index and cosine for sheets
 SHEETS, SHEET_COSINES = 11, 17
+#: nodes along index, roughness, width and cosine for what gets through an interface
+EXIT_INDICES, EXIT_ROUGHNESSES, EXIT_WIDTHS, EXIT_COSINES = 8, 9, 7, 15
 #: nodes along the mean cosine of a lobe
 MEANS = 33
 #: nodes along the azimuth, in its squared sine
@@ -49,6 +51,11 @@ def cosines(eta: float, count: int = COSINES) -> np.ndarray:
     critical = 1 - eta**2
     beyond = np.square(2 * u - 1)
     return np.sqrt(np.maximum(np.where(u > 0.5, critical + eta**2 * beyond, critical * (1 - beyond)), 1e-8))
+
+
+def exit_cosines() -> np.ndarray:
+    """Cosines of the nodes in the thinner of two media."""
+    return np.asarray(np.maximum(np.linspace(0, 1, EXIT_COSINES) ** 2, 2e-3))
 
 
 def along_cosine(cos: Array, eta: Array) -> Array:

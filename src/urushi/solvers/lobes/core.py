@@ -18,6 +18,7 @@ from .exit import Exit
 from .lobe import NARROWEST, Lobe
 from .mixture import Mixture
 from .recursion import Answer, Beam, respond
+from .through import turned as turned_by
 
 #: share of the samples that every side with anything but delta parts gets as a cosine lobe
 FLOOR = 0.02
@@ -134,6 +135,7 @@ class LobesCore:
             through = type(wi)(wi.x * tilt, wi.y * tilt, z)
             if turned is not None and turned.through is not None:
                 through = turned.through
+            through = turned_by(through, answer.through.turn)
             unscattered_through = None if still is None else still.through
             lobes += self._split(answer.through, unscattered_through, through, False, "transmitted")
         return Found(lobes, first, answer.diffuse, answer.beyond)

@@ -19,6 +19,7 @@ from typing import Any
 
 import drjit as dr
 
+from ...interfaces import BoundDielectric
 from ...optics.vectors import Array, Vector, at_least, channels, total
 from ..bound import BoundStack
 from .flow import ALL, Flow, bounce, times
@@ -26,6 +27,7 @@ from .medium import Particles
 from .operators import GRAZING, Boundary
 from .returns import Step, from_below, meet
 from .spread import Spread
+from .through import leaving
 from .width import Width, mean_roughness, plus
 
 
@@ -39,6 +41,7 @@ class Beam:
         cos: cosine of its mean direction.
         sharp: mask of the lanes where it is one direction, not a lobe.
         layer: number of the interface that sent it.
+        turn: angle by which its middle is farther from the normal than Snell's law says.
     """
 
     energy: Array
@@ -46,6 +49,7 @@ class Beam:
     cos: Array
     sharp: Any
     layer: int
+    turn: Array = 0.0
 
 
 @dataclass
@@ -75,6 +79,7 @@ def respond(stack: BoundStack, wi: Vector, above: bool, scatters: bool = True, t
         tally: told of every layer and the light around it (`ledger.Tally`), if any.
     """
     order = range(len(stack.interfaces)) if above else range(len(stack.interfaces) - 1, -1, -1)
+    refracting = _refracting(stack, order)
     cos = at_least(dr.abs(wi.z), GRAZING)
     spread = Spread()
     steps: list[Step] = []
@@ -82,7 +87,8 @@ def respond(stack: BoundStack, wi: Vector, above: bool, scatters: bool = True, t
     spread_above: Width | None = None
     reflected: list[Beam] = []
     diffuse: Array = 0.0
-    beyond_cos = cos
+    straight = beyond_cos = cos
+    turn: Array = 0.0
     for k in order:
         boundary = Boundary(stack.interfaces[k], above, wi)
         # --- reflection: the lobe of this interface
@@ -118,6 +124,10 @@ def respond(stack: BoundStack, wi: Vector, above: bool, scatters: bool = True, t
         # --- refraction, and what it does to widths
         snell = boundary.refracted(cos)
         below = at_least(snell, GRAZING)
+        straight, before = at_least(boundary.refracted(straight), GRAZING), straight
+        left = None
+        if k in refracting and not _is_true(sharp):
+            left = leaving(boundary, before, straight, spread.down if width is not None else 0.0, turn, wi)
         inner = dr.square(_mean(t.beam)) * _mean(up.r_bottom.beam)
         spread.cross(
             boundary.reflected,
@@ -131,6 +141,8 @@ def respond(stack: BoundStack, wi: Vector, above: bool, scatters: bool = True, t
         steps.append(step)
         cos = at_least(boundary.beyond(cos, width, spread.down), GRAZING)
         beyond_cos = snell
+        if left is not None:
+            spread.down, turn = left if k == refracting[-1] else (spread.down, left[1])
         # --- the medium beyond
         medium = stack.media[k + 1] if above else stack.media[k]
         if medium is not None:
@@ -152,8 +164,16 @@ def respond(stack: BoundStack, wi: Vector, above: bool, scatters: bool = True, t
                 sharp = False if scatters else sharp
         spread_above = None if _is_true(sharp) else spread.down
         width = None if spread_above is None else mean_roughness(spread_above)
-    through = Beam(arriving.beam, spread.down, beyond_cos, sharp, len(stack.interfaces))
+    through = Beam(arriving.beam, spread.down, beyond_cos, sharp, len(stack.interfaces), turn)
     return Answer(reflected, through, diffuse, arriving.scattered)
+
+
+def _refracting(stack: BoundStack, order: range) -> list[int]:
+    """The interfaces that light refracts at on its way through; none above an opaque base."""
+    if any(stack.interfaces[k].opaque for k in order):
+        return []
+    inner = {k: stack.interfaces[k].single or stack.interfaces[k] for k in order}
+    return [k for k in order if isinstance(inner[k], BoundDielectric)]
 
 
 def _known(sharp: Any, boundary: Boundary) -> bool:

@@ -14,6 +14,8 @@ what Belcour's separate table of total reflection is for.
                     dielectric under this cosine and is sent back by a mirror as rough as `width`, the first time and
                     later (of GGX, for all distributions)
     sheets          index, both roughnesses, cosine -> the same between two dielectrics (of GGX, likewise)
+    exits           side, index ratio, roughness, width, cosine in the thinner medium -> width and middle of what gets
+                    through (of GGX, likewise)
     escaping        index ratio, width, cosine -> how much of a lobe in the denser medium is not totally reflected
     anisotropic     roughness along x, along y, cosine, squared sine of the azimuth -> what perfect mirrors reflect
     centre          width, mean cosine -> centre of a lobe, as all others take it; `mean` is the inverse
@@ -112,6 +114,28 @@ def sheet(cos: Array, eta: Array, alpha: Array, other: Array) -> list[Array]:
         dr.sqrt(at_most(at_least(cos, 1e-8), 1.0)),
     ]
     return _grid(("sheets",), "sheets")(places, cos)
+
+
+def exit(cos: Array, eta: Array, alpha: Array, width: Array) -> list[Array]:
+    """The lobe that gets through a rough dielectric to the far side of a stack.
+
+    Args:
+        cos: cosine of its middle in the thinner medium.
+        eta: index beyond over index before.
+        alpha: roughness of the interface.
+        width: of the light before, as the roughness of a mirror.
+
+    Returns:
+        roughness in the plane of incidence and across it, and the angle by which the middle is farther from the normal
+        than Snell's law says: all over the roughness of first-order derivatives.
+    """
+    places: list[Array | int] = [
+        _side(eta + 0 * cos),
+        axes.along_ratio(eta + 0 * cos),
+        *(axes.along_square(a + 0 * cos) for a in (alpha, width)),
+        dr.sqrt(at_most(at_least(cos, 1e-8), 1.0)),
+    ]
+    return _grid(("exits",), "exits")(places, cos)
 
 
 def mean_cosine(
