@@ -79,11 +79,11 @@ def test_brushed_metal_is_white(alphas: tuple[float, float], distribution: str) 
 
 @pytest.mark.parametrize("alphas", [(1.0, 1e-4), (1e-4, 0.1)])
 def test_beyond_the_tables_errors_are_bounded(alphas: tuple[float, float]) -> None:
-    """Brushing narrower than 12 to 1 counts as that: light is lost along the grooves near grazing."""
+    """Brushing narrower than 16 to 1 counts as that: light is lost along the grooves near grazing."""
     w = direction(*(grid.ravel() for grid in np.meshgrid((0.02, 0.1, 0.4, 1.0), np.radians([0, 45, 90]))))
     for interface in (mirror(DOUBLE, *alphas), glass(DOUBLE, 1.5, *alphas)):
         found = total(interface, w, accuracy=4e-3)
-        assert found.max() < 1.08 and found.min() > 0.7
+        assert found.max() < 1.06 and found.min() > 0.7
 
 
 @pytest.mark.parametrize(
@@ -93,13 +93,13 @@ def test_beyond_the_tables_errors_are_bounded(alphas: tuple[float, float]) -> No
     "alphas", [(0.5, 0.05), pytest.param((1.0, 0.1), marks=pytest.mark.slow), (0.2, 0.6)]
 )
 def test_brushed_glass_is_clear(alphas: tuple[float, float], eta: float) -> None:
-    """At corners that `test_compensated_scan` may miss; the roughest at nearly matched indices is off by 1.8e-2."""
+    """At corners that `test_compensated_scan` may miss."""
     w = direction(
         *(grid.ravel() for grid in np.meshgrid((0.02, 0.1, 0.4, 0.8, 1.0), np.radians([0, 25, 50, 75, 90])))
     )
     for above in (True, False):
         found = total(glass(DOUBLE, eta, *alphas), w, above, accuracy=2e-3)
-        assert np.abs(found - 1).max() < (2e-2 if eta < 1.2 and max(alphas) == 1 else 1e-2)
+        assert np.abs(found - 1).max() < 1e-2
 
 
 def test_glass_on_average() -> None:
@@ -134,20 +134,27 @@ def test_nodes_lie_where_their_coordinates_say() -> None:
     )
     for alpha in (0.01, 0.2, 1.0):
         found = back(tables.of_bend(DOUBLE(tables.bends(alpha)), alpha))
-        assert np.allclose(found, np.linspace(0, 1, tables.DENSE + tables.THIN + 1), atol=1e-5)
+        cells = tables.DENSE + tables.THIN
+        middle = (np.arange(tables.HALVED) + 0.5) / cells
+        assert np.allclose(found, np.sort(np.append(middle, np.linspace(0, 1, cells + 1))), atol=1e-5)
     found = back(tables.of_brushed_roughness(DOUBLE(tables.brushed_roughnesses(9))))
     assert np.allclose(found, np.linspace(0, 1, 9), atol=3e-3)
     ratios = DOUBLE(tables.ratios(9))
     assert np.allclose(back(tables.of_ratio(ratios, DOUBLE(1))), np.linspace(0, 1, 9), atol=1e-6)
 
 
-def test_tables_are_what_their_tool_makes(rng: np.random.Generator) -> None:
-    """A few nodes of each, anew."""
+def _tool() -> Any:
     sys.path.insert(0, str(Path(__file__).parents[1] / "tools"))
     try:
-        import make_energy_tables as tool
+        import make_energy_tables
     finally:
         sys.path.pop(0)
+    return make_energy_tables
+
+
+def test_tables_are_what_their_tool_makes(rng: np.random.Generator) -> None:
+    """A few nodes of each, anew."""
+    tool = _tool()
     for kind, axes in tool.AXES.items():
         named = axes()
         arrays = np.broadcast_arrays(*named.values())
@@ -161,6 +168,30 @@ def test_tables_are_what_their_tool_makes(rng: np.random.Generator) -> None:
                 # Half a step of the integers, and the error of the lattice.
                 brushed = kind.startswith("brushed")
                 assert np.allclose(table[at], np.maximum(lost, 0), atol=5e-3 if brushed else 8e-4)
+
+
+#: every model, one of them quickly
+SHIPPED = [pytest.param(*m, marks=() if m == MODELS[0] else pytest.mark.slow) for m in MODELS]
+
+
+@pytest.mark.parametrize(("distribution", "masking"), SHIPPED)
+def test_means_and_shares_are_what_their_tool_makes(
+    distribution: str, masking: str, rng: np.random.Generator
+) -> None:
+    """The same random numbers make them: what differs is the rounding of the file, 5e-4 of a mean, and of machines."""
+    tool, model = _tool(), (distribution, masking)
+    with np.load(tables.DATA / "brushed_means.npz") as file:
+        means = file["_".join(model)]
+    roughness, ratio = tables.brushed_roughnesses(means.shape[2]), tables.ratios(means.shape[3])
+    for j, k in zip(rng.integers(1, len(roughness), 4), rng.integers(0, len(ratio), 4), strict=True):
+        found = tool.brushed_mean(model, float(roughness[j]), float(ratio[k]))
+        assert np.allclose(means[..., j, k], found, rtol=1e-3, atol=1e-5)
+    shares = tables.shares("_".join(model))
+    indices = tables.indices(2 * tables.SHARE_INDICES - 1)[tables.SHARE_INDICES - 1 :]
+    roughness = tables.roughnesses(tables.SHARE_ROUGHNESSES)
+    for i, j in zip(rng.integers(1, len(indices), 4), rng.integers(1, len(roughness), 4), strict=True):
+        share = tool.share(model, float(roughness[j]), float(indices[i]))
+        assert shares[i, j] == pytest.approx(min(share, 1), abs=2e-3)
 
 
 def test_the_mean_of_a_metal() -> None:

@@ -51,6 +51,8 @@ SHARE_INDICES, SHARE_ROUGHNESSES = 17, 12
 LEVELS = {"uint16": 4095, "uint8": 255}
 #: largest index ratio, and largest ratio of roughnesses
 MOST_INDEX, MOST_RATIO = 5.0, 16.0
+#: cells of the index of brushed glass with a node in the middle: the first, where indices differ most
+HALVED = 2
 #: share of the cosines' axis for those below the roughness
 NEAR = 0.6
 #: share of the part of `of_bend` that is scaled by the roughness, from the denser side or not, and how many times that
@@ -133,12 +135,15 @@ def indices(n: int) -> NDArray[np.float64]:
 
 
 def bends(alpha: ArrayLike) -> NDArray[np.float64]:
-    """The nodes' indices (DENSE + THIN + 1, ...) for roughnesses (...) in the azimuth of the light."""
+    """The nodes' indices (HALVED + DENSE + THIN + 1, ...) for roughnesses (...) in the azimuth of the light."""
     alpha = np.asarray(alpha, np.float64)
     wide = WIDER * alpha
     sides = []
     for n, share in ((DENSE, BENT), (THIN, UNBENT)):
-        goal = np.linspace(0, 1, n + 1).reshape(-1, *([1] * alpha.ndim)) + 0 * alpha
+        goal = np.linspace(0, 1, n + 1)
+        if n == DENSE:
+            goal = np.sort(np.append(goal, 1 - (np.arange(HALVED) + 0.5) / DENSE))
+        goal = goal.reshape(-1, *([1] * alpha.ndim)) + 0 * alpha
         low, high = np.zeros_like(goal), np.ones_like(goal)
         for _ in range(60):
             critical = 0.5 * (low + high)
@@ -190,7 +195,10 @@ def refined(kind: str, model: str) -> NDArray[np.float64]:
             table = _doubled(table, axis, even)
     elif kind == "brushed_glass":
         # Equal indices are no smooth limit: each side by itself.
+        middle = 2 * np.arange(HALVED) + 1
+        halves, table = table[middle], np.delete(table, middle, axis=0)
         table = np.concatenate([_doubled(table[: DENSE + 1], 0)[:-1], _doubled(table[DENSE:], 0)])
+        table[middle] = halves
         table = _doubled(_doubled(table, -2, True), -3)
     else:
         # Linear pieces have steps in their derivative by roughness: smaller ones now.
