@@ -95,7 +95,10 @@ def test_beyond_the_tables_errors_are_bounded(alphas: tuple[float, float]) -> No
 def test_brushed_glass_is_clear(alphas: tuple[float, float], eta: float) -> None:
     """At corners that `test_compensated_scan` may miss."""
     w = direction(
-        *(grid.ravel() for grid in np.meshgrid((0.02, 0.1, 0.4, 0.8, 1.0), np.radians([0, 25, 50, 75, 90])))
+        *(
+            grid.ravel()
+            for grid in np.meshgrid((0.003, 0.02, 0.1, 0.4, 0.8, 1.0), np.radians([0, 20, 25, 50, 75, 90]))
+        )
     )
     for above in (True, False):
         found = total(glass(DOUBLE, eta, *alphas), w, above, accuracy=2e-3)
