@@ -6,10 +6,12 @@ inside goes on. So every path counts something, and no chance decides between th
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 import drjit as dr
 
+from ...interfaces import Scatter
 from ...media import entry_height, inverse_cosine
 from ...optics.random import Generator, uniform
 from ...optics.vectors import Array, Vector, at_least, at_most, channels, mirror, negate, peak
@@ -40,6 +42,8 @@ def trace(
     top = stack.interfaces[0]
     back = top.sample(wi, u, above=True, part="reflect", rng=rng)
     on = top.sample(wi, u, above=True, part="transmit", rng=rng)
+    if last == 0 and top.stochastic and not top.opaque:
+        on = _rest(on, back)
     lit = wi.z > 0
     counts = None if tally is None else tally.entered(spectrum, 0, wi, back, on, lit)
     up_flux = spectrum(0) + dr.select(lit & (back.o.z > 0), back.weight, 0)
@@ -52,6 +56,8 @@ def trace(
         below = wi.z < 0
         back_low = bottom.sample(mirror(wi), u, above=False, part="reflect", rng=rng)
         on_low = bottom.sample(mirror(wi), u, above=False, part="transmit", rng=rng)
+        if last == 0 and bottom.stochastic:
+            on_low = _rest(on_low, back_low)
         if counts is not None:
             more = tally.entered(spectrum, last, mirror(wi), back_low, on_low, below)
             counts = [spectrum(a + b) for a, b in zip(counts, more, strict=True)]
@@ -108,6 +114,12 @@ def trace(
     rest, _ = run(stack.still, rest, _carries, body, "trace on")
     share = relative(state["throughput"])
     return state["up"] + rest["up"] * share, state["down"] + rest["down"] * share
+
+
+def _rest(on: Scatter, back: Scatter) -> Scatter:
+    """What a walk between facets does not reflect, it transmits: a walk for each would add up to 1 in the mean only."""
+    below = type(on.o)(on.o.x, on.o.y, -dr.abs(on.o.z))
+    return replace(on, o=below, weight=1 - dr.select(back.o.z > 0, back.weight, 0))
 
 
 def _carries(s: State) -> Any:
