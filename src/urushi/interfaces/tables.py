@@ -195,10 +195,10 @@ def refined(kind: str, model: str) -> NDArray[np.float64]:
             table = _doubled(table, axis, even)
     elif kind == "brushed_glass":
         # Equal indices are no smooth limit: each side by itself.
-        middle = 2 * np.arange(HALVED) + 1
-        halves, table = table[middle], np.delete(table, middle, axis=0)
+        halved = 2 * np.arange(HALVED) + 1
+        halves, table = table[halved], np.delete(table, halved, axis=0)
         table = np.concatenate([_doubled(table[: DENSE + 1], 0)[:-1], _doubled(table[DENSE:], 0)])
-        table[middle] = halves
+        table[halved] = halves
         table = _doubled(_doubled(table, -2, True), -3)
     else:
         # Linear pieces have steps in their derivative by roughness: smaller ones now.
