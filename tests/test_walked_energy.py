@@ -202,15 +202,19 @@ def test_furnace_at_every_angle(above: bool, rng: np.random.Generator) -> None:
 @pytest.mark.slow
 @pytest.mark.parametrize("above", [True, False], ids=["above", "below"])
 def test_furnace_at_every_roughness(above: bool, rng: np.random.Generator) -> None:
-    """All of them: minutes, for standard errors of 7e-4 at index ratios 1.5 and 3."""
-    found = furnace(cases(ROUGH, (1.5, 3.0)), above, rng, 1 << 20, 160, 7e-4)
-    check(found, 7.1e-4)
-    assert np.mean(found.error < 7.1e-4) > 0.9
+    """All of them, at index ratios 1.5 and 3.
+
+    As many directions for each: to stop where the error looks small is to stop where no rare direction was met yet.
+    """
+    found = furnace(cases(ROUGH, (1.5, 3.0)), above, rng, 1 << 20, 100)
+    check(found, 5e-4)
+    assert np.mean(found.error < 5e-4) > 0.5
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("above", [True, False], ids=["above", "below"])
 def test_furnace_of_nearly_matched_indices(above: bool, rng: np.random.Generator) -> None:
     """Light goes through many facets and is hardly bent: estimates with a spread of tens of times their mean."""
-    found = furnace(cases(ROUGH, (1.05,)), above, rng, 1 << 20, 40, 5e-4)
+    found = furnace(cases(ROUGH, (1.05,)), above, rng, 1 << 20, 60)
     check(found, 5e-4)
+    assert np.mean(found.error < 5e-4) > 0.2
