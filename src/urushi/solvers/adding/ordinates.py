@@ -27,7 +27,8 @@ def solve(scattering: Scattering, depth: np.ndarray, albedo: np.ndarray) -> Slab
 
     def half(factor: np.ndarray) -> np.ndarray:
         scaled = factor[which] * fading[:, :, None, :]
-        return np.linalg.solve(unit + scaled @ np.swapaxes(factor[which], 2, 3), unit)
+        found: np.ndarray = np.linalg.inv(unit + scaled @ np.swapaxes(factor[which], 2, 3))
+        return found
 
     alike, opposite = half(f), half(g)
     passed = np.exp(-2 * h[:, 0] / scattering.mu)
@@ -50,20 +51,44 @@ def modes(scattering: Scattering, albedo: np.ndarray) -> tuple[np.ndarray, np.nd
         UrushiError: too few nodes for the phase function: more light is scattered than there is.
     """
     slant = 1 / np.sqrt(scattering.mu)[:, None]
-    roots = []
-    for matrix, known in ((scattering.even, True), (scattering.odd, False)):
-        value, vector = np.linalg.eigh(matrix)
-        if known and scattering.first == 0 and abs(value[0, -1] - 1) < 1e-10:
-            value[0, -1] = 1  # the columns were normalised: this one is known
-        left = 1 - albedo[:, None, None] * value
-        if left.min() < 0:
-            raise UrushiError(
-                f"phase function: {len(scattering.mu)} nodes make it scatter {value.max()} of the light; use more nodes"
-            )
-        roots.append(slant * vector * np.sqrt(left)[:, :, None, :])
-    f, g = roots
+    f = slant * _root(scattering.even, albedo, scattering.first == 0)
+    g = slant * _root(scattering.odd, albedo, False)
     u, k, vt = np.linalg.svd(np.swapaxes(f, 2, 3) @ g)
     return k, f @ u, g @ np.swapaxes(vt, 2, 3)
+
+
+def _root(scattered: np.ndarray, albedo: np.ndarray, conserves: bool) -> np.ndarray:
+    """(A, M, n, n) F with F F^T = 1 - a E: Cholesky's factor.
+
+    Args:
+        scattered: (M, n, n) E.
+        albedo: (A,) a.
+        conserves: whether the first matrix has the eigenvalue 1, so that at albedo 1 it has no such factor, and one is
+            made of its eigenvectors.
+    """
+    found = np.zeros((len(albedo), *scattered.shape))
+    if conserves:
+        value, vector = np.linalg.eigh(scattered[0])
+        if abs(value[-1] - 1) < 1e-10:
+            value[-1] = 1  # the columns were normalised: this one is known
+        left = 1 - albedo[:, None, None] * value
+        if left.min() < 0:
+            raise _too_few(scattered)
+        found[:, 0] = vector * np.sqrt(left)
+    rest = slice(int(conserves), None)
+    left = np.eye(scattered.shape[1]) - albedo[:, None, None, None] * scattered[rest]
+    try:  # from the horizon on, where light fades fastest: that keeps ten times as many digits
+        found[:, rest, ::-1] = np.linalg.cholesky(left[..., ::-1, ::-1])
+    except np.linalg.LinAlgError:
+        raise _too_few(scattered) from None
+    return found
+
+
+def _too_few(scattered: np.ndarray) -> UrushiError:
+    most = np.linalg.eigvalsh(scattered).max()
+    return UrushiError(
+        f"phase function: {scattered.shape[1]} nodes make it scatter {most} of the light; use more nodes"
+    )
 
 
 def operators(scattering: Scattering, r: np.ndarray, t: np.ndarray, passed: np.ndarray) -> Slab:

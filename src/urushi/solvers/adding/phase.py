@@ -18,12 +18,15 @@ from collections.abc import Sequence
 from typing import Any, Protocol
 
 import numpy as np
+from scipy.special import eval_legendre
 
 from ...errors import UrushiError
 from ...optics.phase import normalised
 
 #: more terms than this, and the starting values sin(theta)^m of the recurrence leave the range of double precision
 MOST_TERMS = 1800
+#: so many degrees at a time are tried on the nodes
+STRETCH = 32
 
 
 class Phase(Protocol):
@@ -55,7 +58,9 @@ class HenyeyGreenstein:
         self.g = float(g)
 
     def moments(self, count: int) -> np.ndarray:
-        return self.g ** np.arange(count)
+        steps = np.full(count, self.g)
+        steps[0] = 1
+        return np.cumprod(steps)  # ten times as fast as powers, which underflow
 
     def eval(self, cos: np.ndarray) -> np.ndarray:
         g = abs(self.g)
@@ -120,7 +125,8 @@ def terms(phase: Phase, tolerance: float, times: int = 1) -> int:
     Returns:
         a number of terms, at most `MOST_TERMS`.
     """
-    size = (2 * np.arange(MOST_TERMS + 1) + 1) * np.abs(phase.moments(MOST_TERMS + 1)) ** times
+    moments = np.abs(phase.moments(MOST_TERMS + 1))
+    size = (2 * np.arange(MOST_TERMS + 1) + 1) * (moments if times == 1 else moments**times)
     left = np.cumsum(size[::-1])[::-1]
     return int(np.argmax(left <= tolerance * left[0])) if left[-1] <= tolerance * left[0] else MOST_TERMS
 
@@ -137,11 +143,11 @@ def resolved(mu: np.ndarray, weights: np.ndarray, tolerance: float = 1e-4) -> in
         tolerance: allowed sum of (2 l + 1) P_l over the nodes.
     """
     most = min(4 * len(mu), MOST_TERMS)
-    before, now = np.ones_like(mu), mu
-    for l in range(2, most):  # noqa: E741
-        before, now = now, ((2 * l - 1) * mu * now - (l - 1) * before) / l
-        if l % 2 == 0 and abs((2 * l + 1) * (weights @ now)) > tolerance:
-            return l
+    for start in range(2, most, STRETCH):
+        even = np.arange(start, min(start + STRETCH, most), 2)
+        wrong = np.abs((2 * even + 1) * (eval_legendre(even[:, None], mu) @ weights)) > tolerance
+        if wrong.any():
+            return int(even[np.argmax(wrong)])
     return most
 
 
@@ -154,28 +160,32 @@ def harmonics(mu: np.ndarray, count: int, orders: range) -> np.ndarray:
         orders: which m, ascending by 1.
 
     Returns:
-        (count, len(orders), n); 0 where l < m.
+        (max(count - orders.start, 0), len(orders), n): at [j, i] that of the i-th order and l = m + j, so that even l - m
+        come first, third, ...; 0 from l = count on.
 
     Raises:
         UrushiError: more terms than double precision carries.
     """
     if count > MOST_TERMS:
         raise UrushiError(f"phase function: found {count} terms; allowed: at most {MOST_TERMS}")
-    m = np.array(orders)
-    sin = np.sqrt((1 - mu) * (1 + mu))
-    start = np.cumprod(np.sqrt((2 * np.arange(1, count + 1) - 1) / (2 * np.arange(1, count + 1))))
-    found = np.zeros((count, len(m), len(mu)))
-    for l in range(min(orders.start, count), count):  # noqa: E741
-        # sqrt(l^2 - m^2) Y_l = (2 l - 1) mu Y_(l-1) - sqrt((l-1)^2 - m^2) Y_(l-2), stable upwards
-        low = min(max(l - orders.start, 0), len(m))  # orders below l
-        below = m[:low, None].astype(float)
-        if low and l > 0:
-            value = (2 * l - 1) * mu * found[l - 1, :low]
-            if l > 1:
-                value -= np.sqrt(np.maximum((l - 1) ** 2 - below**2, 0)) * found[l - 2, :low]
-            found[l, :low] = value / np.sqrt(l**2 - below**2)
-        if low < len(m):
-            found[l, low] = sin**l * (start[l - 1] if l else 1)
+    rows = max(count - orders.start, 0)
+    found = np.zeros((rows, len(orders), len(mu)))
+    if rows == 0:
+        return found
+    m = np.array(orders)[:rows]
+    first = np.cumprod(np.append(1, np.sqrt(1 - 0.5 / np.arange(1, m[-1] + 1))))[m]
+    found[0, : len(m)] = first[:, None] * np.sqrt((1 - mu) * (1 + mu)) ** m[:, None]
+    # sqrt(l^2 - m^2) Y_l = (2 l - 1) mu Y_(l-1) - sqrt((l-1)^2 - m^2) Y_(l-2), stable upwards
+    j = np.arange(rows)[:, None]
+    root = np.sqrt(j * (j + 2 * m))
+    one = ((2 * (m + j) - 1)[1:] / root[1:])[..., None]
+    two = (root[:-1] / root[1:])[..., None]
+    for k in range(1, rows):
+        some = min(rows - k, len(m))  # the orders that have so many terms
+        value = one[k - 1, :some] * (mu * found[k - 1, :some])
+        if k > 1:
+            value -= two[k - 1, :some] * found[k - 2, :some]
+        found[k, :some] = value
     return found
 
 
@@ -191,11 +201,11 @@ def between(mu: np.ndarray, moments: np.ndarray, orders: range) -> tuple[np.ndar
         even, odd: (M, n, n) each, symmetric. Into the same hemisphere goes p_m = even + odd, into the other one
         even - odd.
     """
-    y = harmonics(mu, len(moments), orders).transpose(1, 0, 2)  # (M, L, n)
-    weighted = y * ((2 * np.arange(len(moments)) + 1) * moments)[:, None]
-    parity = (np.arange(len(moments)) - np.array(orders)[:, None]) % 2  # (M, L)
-    found = []
-    for want in (0, 1):
-        chosen = weighted * (parity == want)[..., None]
-        found.append(np.swapaxes(y, 1, 2) @ chosen)
-    return found[0], found[1]
+    y = harmonics(mu, len(moments), orders)
+    l = np.arange(len(y))[:, None] + np.array(orders)  # noqa: E741
+    weight = (2 * l + 1) * np.append(moments, np.zeros(len(orders)))[l]
+    even, odd = (
+        y[parity::2].transpose(1, 2, 0) @ (weight[parity::2, :, None] * y[parity::2]).transpose(1, 0, 2)
+        for parity in (0, 1)
+    )
+    return even, odd
