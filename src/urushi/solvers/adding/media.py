@@ -29,13 +29,15 @@ from typing import Literal
 
 import numpy as np
 
-from ...adding import Slab
+from ...adding import Slab, double
 from ...errors import UrushiError
-from .operator import Operator
+from .operator import OPERATORS, Operator
 from .phase import between
 from .threads import one_thread
 
 Method = Literal["ordinates", "doubling"]
+#: optical depth, times the root of 1 - albedo, beyond which so little passes that digits are lost
+FADED = 4.0
 
 
 @dataclass(frozen=True)
@@ -118,4 +120,7 @@ def slab(scattering: Scattering, depth: np.ndarray, albedo: np.ndarray, method: 
         r, t = Operator((n, n)), Operator((n, n), passed)
         return Slab(r, t, r, t)
     solve: Callable[..., Slab] = {"ordinates": ordinates.solve, "doubling": doubling.solve}[method]
-    return solve(scattering, depth, albedo)
+    # What little a thick slab lets through is lost in the rounding of both sums: it is put together from thinner ones.
+    fading = float((depth * np.sqrt(1 - albedo)).max())
+    times = int(np.ceil(np.log2(max(fading / FADED, 1))))
+    return double(solve(scattering, depth / 2.0**times, albedo), times, OPERATORS)
