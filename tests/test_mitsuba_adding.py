@@ -121,6 +121,23 @@ def test_between_the_corners(mi):
     assert chi2(mi, textured, direction(0.6, 0.4))
 
 
+def test_a_corner_where_nothing_is_scattered(mi, tmp_path):
+    """Black dye in some places takes nothing from the light that is scattered once in others."""
+    squares = np.array([[0.0, 0.8], [0.8, 0.0]], np.float32)[..., None]
+    mi.Bitmap(squares).write(str(tmp_path / "dye.exr"))
+
+    def layers(albedo):
+        return ur.Stack(layers=[ur.Medium(depth=1.0, albedo=albedo), ur.Diffuse(reflectance=0.3)])
+
+    wi, wo = directions(100, both=False)
+    image = ur.Texture(file=str(tmp_path / "dye.exr"), raw=True)
+    options = {"method": "adding", "nodes": NODES}
+    textured = layered(mi, filename=written(tmp_path, layers(image)), corners=2, **options)
+    plain = layered(mi, filename=written(tmp_path, layers(0.8)), **options)
+    here, there = Asked.of(mi, textured, wi, uv=(0.75, 0.25)), Asked.of(mi, plain, wi)
+    np.testing.assert_allclose(here.value(wo), there.value(wo), rtol=1e-3, atol=1e-5)
+
+
 def test_a_material_is_solved_once(mi, tmp_path, monkeypatch):
     name = written(tmp_path, COATED)
     solved = []

@@ -58,19 +58,21 @@ class Corners:
     ) -> None:
         self.cores = [core.at(stack) for core in cores]
         self.stack, self.weights, self.chances = stack, weights, chances
-        self.scale = self.cores[0].scale
+        # A corner where nothing is scattered has no closed form of light scattered once, of which its own is none.
+        self.first = next((core for core in self.cores if core.closed.once is not None), self.cores[0])
+        self.scale = self.first.scale
 
     def eval(self, wi: Vector, wo: Vector) -> Array:
         """f |cos wo| without the delta parts."""
-        first = self.cores[0]
+        first = self.first
         value = first.closed.eval(wi, wo)
         value = value + self._mixed([core.tabulated(wi, wo) for core in self.cores])
         return first.finished(dr.select((wi.z != 0) & (wo.z != 0), value * first.scale(wi, wo), 0))
 
     def albedo(self, wi: Vector) -> Array:
         """Directional-hemispherical reflectance, interpolated between the corners."""
-        first = self.cores[0]
-        if not first.scatters:
+        first = self.first
+        if not any(core.scatters for core in self.cores):
             return first.reflectance(wi)
         return first.finished(self._mixed([core.fluxes(wi, True) for core in self.cores]))
 
