@@ -45,15 +45,17 @@ def vector_type(module: Any, double: bool) -> Any:
 
 
 def padded(values: np.ndarray, kind: Any = np.float64) -> np.ndarray:
-    """A flat copy that may be read a little beyond its end.
+    """A flat copy that may be read a little beyond its end, and that begins where a packet may.
 
     Dr.Jit's LLVM backend uses the memory of a numpy array of its own type where it lies, and reads whole packets of it:
-    where the next page belongs to nobody, that ends the process. A packet has at most `PACKET` numbers.
+    where the next page belongs to nobody, that ends the process. A packet has at most `PACKET` numbers. Where memory
+    does not begin at a multiple of their size, Dr.Jit gathers the numbers of a packet one by one, by other code.
     """
     count = np.size(values)
-    buffer = np.zeros(count + PACKET, kind)
-    buffer[:count] = np.ravel(values)
-    return buffer[:count]
+    buffer = np.zeros(count + 2 * PACKET, kind)
+    start = -buffer.ctypes.data // buffer.itemsize % PACKET
+    buffer[start : start + count] = np.ravel(values)
+    return buffer[start : start + count]
 
 
 def fill(results: list[np.ndarray], parts: list[np.ndarray], rows: int, start: int) -> None:

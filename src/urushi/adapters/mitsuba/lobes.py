@@ -1,13 +1,21 @@
-"""Lobes in the plugin `layered`: a few microfacet lobes for each place, with its textures and their derivatives."""
+"""Lobes in the plugin `layered`: a few microfacet lobes for each place, with its textures and their derivatives.
+
+A stack without textures is tabulated over the angle when the scene is loaded (`urushi.solvers.lobes.angular`). Where a
+derivative is wanted in one of its numbers, the recursion is asked instead.
+"""
 
 from __future__ import annotations
 
 from typing import Any
 
+import drjit as dr
+
 from urushi.errors import UnsupportedStack
+from urushi.optics.vectors import channels
 from urushi.solvers import SOLVERS
 from urushi.solvers.bound import bind
 from urushi.solvers.lobes import reasons_against
+from urushi.solvers.lobes.angular import Side, tabulate
 from urushi.solvers.lobes.core import LobesCore
 from urushi.stack import Stack
 
@@ -27,19 +35,32 @@ class Lobes:
         reasons = reasons_against(stack, self.published)
         if reasons:
             raise UnsupportedStack("lobes", reasons, [name for name in SOLVERS if name != "lobes"])
+        self.changed()
 
     def at(self, ctx: Any, si: Any, active: Any) -> LobesHere:
-        mi = self.mi
-        coloured = self.surface.coloured and "mono" not in mi.variant()
-        spectrum = mi.UnpolarizedSpectrum if coloured else mi.Float
-        bound = bind(self.stack, self.surface.at(si, active), self.surface.fixed())
-        return LobesHere(LobesCore(bound, spectrum, is_radiance(mi, ctx), self.symmetric, self.published))
+        values = self.surface.at(si, active)
+        return LobesHere(self._core(values, is_radiance(self.mi, ctx), {} if _live(values) else self._tables))
 
     def said(self) -> dict[str, Any]:
         return {"method": "lobes", "published": self.published, "symmetric": self.symmetric}
 
     def changed(self) -> None:
-        """Nothing is kept that could be out of date."""
+        """The numbers are others: the tables are made anew, here, since code that is recorded can only use them."""
+        self._tables: dict[bool, Side] = {}
+        mi, variant = self.mi, self.mi.variant()
+        one_per_lane = self.surface.varies or ("spectral" in variant and self.surface.coloured)
+        if one_per_lane or mi.Float is float or "double" in variant:
+            return
+        values = self.surface.at(dr.zeros(mi.SurfaceInteraction3f), True)
+        if not _live(values):
+            self._tables = tabulate(self._core(values, True, {}, uniform=True), mi.Vector3f)
+
+    def _core(self, values: dict[str, Any], radiance: bool, tables: Any, uniform: bool = False) -> LobesCore:
+        mi = self.mi
+        coloured = self.surface.coloured and "mono" not in mi.variant()
+        spectrum = mi.UnpolarizedSpectrum if coloured else mi.Float
+        bound = bind(self.stack, values, self.surface.fixed())
+        return LobesCore(bound, spectrum, radiance, self.symmetric, self.published, uniform, tables)
 
 
 class LobesHere:
@@ -49,3 +70,14 @@ class LobesHere:
         self.stack = core.stack
         self.eval, self.pdf, self.sample, self.scale = core.eval, core.pdf, core.sample, core.scale
         self.albedo = lambda wi: core.flux(wi, True)
+
+
+def _live(values: dict[str, Any]) -> bool:
+    """Whether derivatives are wanted in a number, even where they are suspended for now: a path that is followed twice,
+    with and without, must meet the same lobes."""
+    for value in values.values():
+        for one in value if isinstance(value, tuple) else (value,):
+            parts = [one[c] for c in range(channels(one))] if channels(one) else [one]
+            if any(getattr(part, "index_ad", 0) for part in parts):
+                return True
+    return False

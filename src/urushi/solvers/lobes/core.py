@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import drjit as dr
 
@@ -19,6 +19,9 @@ from .lobe import NARROWEST, Lobe
 from .mixture import Mixture
 from .recursion import Answer, Beam, respond
 from .through import turned as turned_by
+
+if TYPE_CHECKING:
+    from .angular import Side
 
 #: share of the samples that every side with anything but delta parts gets as a cosine lobe
 FLOOR = 0.02
@@ -58,6 +61,7 @@ class LobesCore:
         symmetric: evaluate reflection in its reciprocal form.
         published: as the paper and its code have it (`published`).
         uniform: whether no number of the stack varies from lane to lane, in a vectorised backend.
+        tables: what `angular.tabulate` made of such a stack; the recursion is asked where it has nothing.
     """
 
     def __init__(
@@ -68,8 +72,10 @@ class LobesCore:
         symmetric: bool = False,
         published: bool = False,
         uniform: bool = False,
+        tables: dict[bool, Side] | None = None,
     ) -> None:
         self.uniform = uniform
+        self.tables = tables or {}
         #: the stack with its normals, None where all interfaces are parallel; `stack` has them parallel
         self.tilted = stack if stack.tilted else None
         if stack.tilted:
@@ -112,7 +118,7 @@ class LobesCore:
         answer = self.answer(seen, above)
         still = self.answer(seen, above, False) if self.forward else None
         axis = type(wi)(wi.x, wi.y, at_least(dr.abs(wi.z), 1e-6))
-        outermost = 0 if above else len(self.stack.interfaces) - 1
+        outermost = self._outermost(above)
         lobes: list[Lobe] = []
         first: Lobe | None = None
         alone = {} if still is None else {beam.layer: beam for beam in still.reflected}
@@ -124,7 +130,8 @@ class LobesCore:
                 if unscattered.sharp is not True:
                     first = self._lobe(unscattered, axis, True, "reflected")
                 continue
-            lobes += self._split(beam, None if still is None else unscattered, axis, True, "reflected")
+            split = still is not None and self._scattered(beam.layer, above)
+            lobes += self._split(beam, unscattered if split else None, axis, True, "reflected")
         if answer.through is not None:
             through = axis
             ratio = self.stack.indices[0] / self.stack.indices[-1]
@@ -140,11 +147,28 @@ class LobesCore:
             lobes += self._split(answer.through, unscattered_through, through, False, "transmitted")
         return Found(lobes, first, answer.diffuse, answer.beyond)
 
+    def look(self, wi: Vector, above: bool) -> Found:
+        """What `find` says, from a table where there is one."""
+        side = self.tables.get(above)
+        return self.find(wi, above) if side is None else side.find(wi)
+
+    def _outermost(self, above: bool) -> int:
+        return 0 if above else len(self.stack.interfaces) - 1
+
+    def _scattered(self, layer: int, above: bool) -> bool:
+        """Whether light on its way to an interface may be scattered forwards."""
+        passed = self.stack.media[1 : layer + 1] if above else self.stack.media[layer + 1 :]
+        return any(medium is not None and medium.scatters for medium in passed)
+
+    def first_is_a_lobe(self, above: bool) -> bool:
+        """Whether the outermost interface has no closed form, so that a lobe stands for what it reflects."""
+        return self.published or bool(self.stack.interfaces[self._outermost(above)].stochastic)
+
     def _lobe(self, beam: Beam, axis: Vector, same: bool, kind: str) -> Lobe:
         x, y, frame = widths.axes(beam.width, widths.PUBLISHED if self.published else widths.OURS)
         energy = beam.energy if beam.sharp is False else dr.select(beam.sharp, 0, beam.energy)
-        wide_x = at_least(x + 0 * axis.x, NARROWEST)
-        wide_y = wide_x if x is y else at_least(y + 0 * axis.x, NARROWEST)
+        wide_x = at_least(x, NARROWEST)
+        wide_y = wide_x if x is y else at_least(y, NARROWEST)
         return Lobe(energy, axis, wide_x, wide_y, frame, same, beam.layer, kind)
 
     def _split(self, beam: Beam, unscattered: Beam | None, axis: Vector, same: bool, kind: str) -> list[Lobe]:
@@ -182,7 +206,7 @@ class LobesCore:
         """f |cos wo| for light from one side, in flux."""
         same = wo.z > 0 if above else wo.z < 0
         o = type(wo)(wo.x, wo.y, dr.abs(wo.z))
-        found = self.find(wi, above, wo if self.symmetric else None)
+        found = self.find(wi, above, wo) if self.symmetric else self.look(wi, above)
         value: Array = 0 * wi.x
         for lobe in found.lobes:
             here = same if lobe.same else (wo.z < 0 if above else wo.z > 0)
@@ -193,19 +217,26 @@ class LobesCore:
             if isinstance(energy, float) and energy == 0:
                 continue
             here = same if mine else (wo.z < 0 if above else wo.z > 0)
-            shape = self.exits[above if mine else not above]
-            reciprocal = self.symmetric and mine
-            spread = shape.reciprocal(wi, wo) if reciprocal else energy * shape.density(o)
+            if self.symmetric and mine:
+                spread = self.exits[above].reciprocal(wi, wo)
+            else:
+                spread = energy * self._leaving(above if mine else not above, o)
             value = value + dr.select(here, spread, 0)
         return value
 
+    def _leaving(self, above: bool, o: Vector) -> Array:
+        """The density of diffuse light that leaves on a side, per solid angle, cosine included; o has z > 0."""
+        side = self.tables.get(above)
+        found = None if side is None else side.leaving(o)
+        return self.exits[above].density(o) if found is None else found
+
     def _first(self, wi: Vector, wo: Vector, o: Vector, lobe: Lobe, above: bool) -> Array:
         """The lobe of the outermost interface: its own where that has a closed form."""
-        interface = (self.tilted or self.stack).interfaces[0 if above else -1]
+        if self.first_is_a_lobe(above):
+            return lobe.value(o, self.symmetric)
+        interface = (self.tilted or self.stack).interfaces[self._outermost(above)]
         w = type(wi)(wi.x, wi.y, dr.abs(wi.z))
-        if not interface.stochastic and not self.published:
-            return interface.reflect(w, o, above)[0]
-        return lobe.value(o, self.symmetric)
+        return interface.reflect(w, o, above)[0]
 
     # --- sampling --------------------------------------------------------------------------------------------------
 
@@ -215,7 +246,7 @@ class LobesCore:
         parts: list[tuple[Array, Any]] = []
         for above in self.sides:
             near = wi.z > 0 if above else wi.z < 0
-            found = self.find(still, above)
+            found = self.look(still, above)
             for lobe in found.all():
                 up = above if lobe.same else not above
                 energy = dr.select(near, mean(lobe.energy), 0)

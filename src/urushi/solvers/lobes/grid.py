@@ -11,6 +11,7 @@ import drjit as dr
 import numpy as np
 
 from ...optics.vectors import Array, at_most
+from ..arrays import padded
 from .settled import settled
 
 
@@ -108,7 +109,7 @@ class Grid:
         """The numbers of each pack, as arrays of this type."""
         if number not in self._sources:
             self._sources[number] = [
-                pack if number is float else number(np.asarray(pack, _kind(number))) for _, pack in self.packs
+                pack if number is float else number(padded(pack, _kind(number))) for _, pack in self.packs
             ]
             if number is not float:
                 dr.eval(self._sources[number])

@@ -33,6 +33,7 @@ class Lobe:
         same: True on the side of the light, False on the other.
         layer: number of the interface that sent it.
         kind: "reflected", "forward" (scattered forwards by a medium on the way) or "transmitted".
+        gain: what `gains` would say, where it is known already.
     """
 
     energy: Array
@@ -43,6 +44,7 @@ class Lobe:
     same: bool
     layer: int
     kind: str
+    gain: Array | None = None
 
     def value(self, o: Vector, symmetric: bool = False) -> Array:
         """f |cos o| on the side of the lobe, for o mirrored to z > 0."""
@@ -50,13 +52,17 @@ class Lobe:
         facets = Microfacets(self.alpha_x, self.alpha_y, "ggx", "correlated")
         visible, masked = facets.weigh(w, o_in, halfway(w, o_in))
         single = dr.select(at_most(w.z, o.z) > HORIZON, 0.25 * visible * masked, 0)
-        albedo = self._albedo(w)
         if not symmetric:
-            return self.energy * single / at_least(albedo, 1e-3)
+            return self.energy * single * (self.gains() if self.gain is None else self.gain)
+        albedo = self._albedo(w)
         # What single scattering loses, as Kulla & Conty 2017 give it back: the same for both directions.
         mean = tables.albedo(None, dr.sqrt(0.5 * (dr.square(self.alpha_x) + dr.square(self.alpha_y))), o.z)
         lost = (1 - albedo) * (1 - self._albedo(o_in)) / (dr.pi * at_least(1 - mean, 1e-4))
         return self.energy * (single + lost * o.z)
+
+    def gains(self) -> Array:
+        """What makes up for what a mirror of such facets loses: the reciprocal of what it reflects."""
+        return 1 / at_least(self._albedo(self.frame.enter(self.axis)), 1e-3)
 
     def _albedo(self, w: Vector) -> Array:
         if self.alpha_x is self.alpha_y:

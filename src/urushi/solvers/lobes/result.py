@@ -19,6 +19,7 @@ from ..bsdf import BSDF, Sample, directions, random_numbers, same_count
 from ..ledger import Ledger, lit
 from ..numbers import gather_numbers
 from ..smooth import has_delta, smooth_energy, straight
+from .angular import tabulate
 from .core import LobesCore
 from .operators import supports
 
@@ -100,6 +101,7 @@ class LobesBSDF(BSDF):
         self.double = precision == "double"
         self._module = backend_module(backend)
         self._cores: dict[tuple[str, bool], tuple[LobesCore, int]] = {}
+        self._untabulated: set[tuple[str, bool]] = set()
         core, self.lanes = self._core(self._module, self.double)
         if self._module.__name__ == "drjit.scalar" and self.lanes > 1:
             raise UrushiError("backend: 'scalar' takes one value per parameter, found one per evaluation")
@@ -238,13 +240,13 @@ class LobesBSDF(BSDF):
 
     def _flux(self, wi: Any, same: bool, with_error: bool) -> Any:
         if dr.is_array_v(wi):
-            return self._erred(self._colour(self._core_of(wi).flux(wi, same), wi), with_error)
+            return self._erred(self._colour(self._core_of(wi, False).flux(wi, same), wi), with_error)
         (value,) = self._map(lambda core, a: (core.flux(a, same),), (directions(wi, "wi"),))
         return self._erred(self._shaped(value, wi, wi), with_error)
 
     def _map(self, run: Any, inputs: tuple[np.ndarray, ...]) -> list[np.ndarray]:
         self._may_take(len(inputs[0]))
-        core = self._core(self._module, self.double)[0]
+        core = self._quick_core(self._module, self.double)
         return mapped(lambda *lanes: run(core, *lanes), inputs, self._module, self.double)
 
     def _may_take(self, rows: int) -> None:
@@ -268,10 +270,22 @@ class LobesBSDF(BSDF):
                 dr.eval([getattr(interface, "inv_eta", None) for interface in bound.interfaces])
             core = LobesCore(bound, spectrum, radiance, self.symmetric, self.published, uniform)
             self._cores[key] = core, numbers.lanes
+            if uniform and not double and not any(dr.grad_enabled(v) for v in numbers.values.values()):
+                self._untabulated.add(key)
         return self._cores[key]
 
-    def _core_of(self, w: Any) -> LobesCore:
-        return self._core(module_of(w), dr.type_v(w) == dr.VarType.Float64)[0]
+    def _quick_core(self, module: Any, double: bool) -> LobesCore:
+        """The same with its tables, which are made when they are first asked for: not while code is recorded."""
+        core, _ = self._core(module, double)
+        key = module.__name__, double
+        if key in self._untabulated and not dr.flag(dr.JitFlag.SymbolicScope):
+            self._untabulated.remove(key)
+            core.tables = tabulate(core, vector_type(module, double))
+        return core
+
+    def _core_of(self, w: Any, quick: bool = True) -> LobesCore:
+        get = self._quick_core if quick else lambda *key: self._core(*key)[0]
+        return get(module_of(w), dr.type_v(w) == dr.VarType.Float64)
 
     def _erred(self, value: Any, with_error: bool) -> Any:
         return (value, 0 * value) if with_error else value
