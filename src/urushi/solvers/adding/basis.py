@@ -143,22 +143,26 @@ class Grid:
     @cached_property
     def mu(self) -> list[np.ndarray]:
         """(n_r,) cosines of the nodes in every region."""
-        found = []
+        found: dict[float, np.ndarray] = {}
         for region, index in enumerate(self.indices):
+            if index in found:
+                continue
             n = self.count(region)
             mu = np.sqrt((index - self.s[:n]) * (index + self.s[:n])) / index
             for p in self.panels:  # the panel's own coordinate, without the rounding of the root
                 if abs(p.index - index) <= SAME * index:
                     mu[p.nodes] = p.high * self.x[p.nodes] ** 2
-            found.append(mu)
-        return found
+            found[index] = mu
+        return [found[index] for index in self.indices]
 
     @cached_property
     def weights(self) -> list[np.ndarray]:
         """(n_r,) quadrature weights dmu of the nodes in every region."""
-        return [
-            self.etendue[: len(mu)] / (index**2 * mu) for mu, index in zip(self.mu, self.indices, strict=True)
-        ]
+        found: dict[float, np.ndarray] = {}
+        for mu, index in zip(self.mu, self.indices, strict=True):
+            if index not in found:
+                found[index] = self.etendue[: len(mu)] / (index**2 * mu)
+        return [found[index] for index in self.indices]
 
     def stencil(self, region: int, mu: np.ndarray, order: int = 8) -> Stencil:
         """Local Lagrange interpolation in psi at any cosines of a region.

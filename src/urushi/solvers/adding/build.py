@@ -8,13 +8,15 @@ import numpy as np
 
 from urushi.stack import Stack
 
+from ...interfaces import Null
+from ...media import MEDIA
 from ..bound import BoundStack, bind
 from ..direct import direct_is_certain
 from ..numbers import gather_numbers
 from .basis import Grid
 from .interfaces import MOST_ORDERS, RoughLayer
 from .layers import Layer, MediumLayer, SmoothLayer, numbers
-from .phase import PHASES, Phase
+from .phase import MOST_TERMS, PHASES, Phase, terms
 from .resolution import panel_counts
 
 #: nodes in a panel for a medium of g = 0.5, fewest, and most to begin with
@@ -29,7 +31,19 @@ def bind_numbers(stack: Stack) -> tuple[BoundStack, int]:
     """
     from drjit.llvm import ad
 
-    given = gather_numbers(stack, None, ad, True, "adding")
+    return _bound(stack, ad)
+
+
+def solvable(stack: Stack) -> tuple[BoundStack, int]:
+    """The same for the solver alone, which compiles code for interfaces only: media have plain numbers."""
+    import drjit.scalar
+    from drjit.llvm import ad
+
+    return _bound(stack, drjit.scalar if all(layer.kind in MEDIA for layer in stack.layers) else ad)
+
+
+def _bound(stack: Stack, module: Any) -> tuple[BoundStack, int]:
+    given = gather_numbers(stack, None, module, True, "adding")
     return bind(stack, given.values, given.fixed), 3 if given.coloured else 1
 
 
@@ -69,23 +83,34 @@ def phase_functions(stack: Stack) -> list[Phase]:
 
 def layers(
     stack: BoundStack, phases: list[Phase], grid: Grid, tolerance: float, complete: bool = False
-) -> list[Layer]:
-    """All layers on the nodes, from the top: interface, medium where there is one, interface, ...
+) -> list[Layer | None]:
+    """All layers on the nodes, from the top: interface (None where there is none), medium where there is one, ...
 
     Unless `complete`, the outermost interface has no more orders than anything that is not evaluated in closed form.
     """
     remaining = list(phases)[::-1]
-    found: list[Layer] = []
+    # What a medium alone scatters once has a closed form, and what it scatters again has fewer orders.
+    lone = (
+        not complete
+        and all(isinstance(interface, Null) for interface in stack.interfaces)
+        and len(phases) == 1
+    )
+    found: list[Layer | None] = []
     for k in reversed(range(len(stack.interfaces))):
         interface, medium = stack.interfaces[k], stack.media[k + 1]
         if medium is not None:
-            found.append(MediumLayer(medium, remaining.pop(0), grid, k + 1, 0.01 * tolerance))
+            phase = remaining.pop(0)
+            most = terms(phase, tolerance, times=2) if lone else MOST_TERMS
+            found.append(MediumLayer(medium, phase, grid, k + 1, 0.01 * tolerance, most=most))
+        if isinstance(interface, Null):
+            found.append(None)
+            continue
         if interface.delta is True:
             found.append(SmoothLayer(interface, grid, k))
             continue
         # What comes back through it from a base that is no mirror has the orders of what is below alone.
         alone = k == 0 and stack.opaque and bool(found) and stack.interfaces[-1].delta is not True
         few = alone and not complete and direct_is_certain(stack)
-        most = max(layer.orders for layer in found) if few else MOST_ORDERS
+        most = max(layer.orders for layer in found if layer is not None) if few else MOST_ORDERS
         found.append(RoughLayer(interface, grid, k, tolerance, most=most))
     return found[::-1]

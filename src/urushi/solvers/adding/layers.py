@@ -17,7 +17,7 @@ from . import media, single
 from .basis import Grid
 from .delta_m import Truncated
 from .operator import Operator
-from .phase import Phase
+from .phase import MOST_TERMS, Phase
 from .smooth import smooth
 
 
@@ -26,11 +26,9 @@ class Layer(Protocol):
 
     Attributes:
         orders: azimuthal orders from this one on have no dense part.
-        error: what the nodes miss, relative to the light there is, before it was put right.
     """
 
     orders: int
-    error: float
 
     def first(self, orders: range) -> int:
         """The nodes before this one have nothing dense of these orders."""
@@ -40,23 +38,15 @@ class Layer(Protocol):
 
 
 class SmoothLayer:
-    """A smooth interface, or none."""
+    """A smooth interface."""
 
-    orders, error = 0, 0.0
+    orders = 0
 
     def __init__(self, interface: Interface, grid: Grid, region: int) -> None:
         self._slab = smooth(interface, grid, region)
 
     def first(self, orders: range) -> int:
         return 0
-
-    @property
-    def absent(self) -> bool:
-        """Whether it changes nothing at all, as where both sides have the same index."""
-        r_top, t_down, r_bottom, t_up = (operator.delta for operator in self._slab)
-        return not any(r is None or r.any() for r in (r_top, r_bottom)) and all(
-            t is not None and np.all(t == 1) for t in (t_down, t_up)
-        )
 
     def slab(self, orders: range, first: int) -> Slab:
         return Slab(*(_cut(operator, first) for operator in self._slab))
@@ -71,6 +61,7 @@ class MediumLayer:
         grid, region: the nodes.
         tolerance: what of the phase function may be left out, relative to its peak.
         terms: how many terms of it to take instead.
+        most: azimuthal orders to look for, at most.
     """
 
     def __init__(
@@ -81,6 +72,7 @@ class MediumLayer:
         region: int,
         tolerance: float = 0.0,
         terms: int | None = None,
+        most: int = MOST_TERMS,
     ) -> None:
         self.mu, self.weights = grid.mu[region], grid.weights[region]
         self.truncated = (
@@ -92,9 +84,7 @@ class MediumLayer:
         self.depth, self.albedo = self.truncated.scale(depth, albedo)
         scatters = medium.scatters and bool(self.albedo.any() and self.depth.any())
         self._last: tuple[range, int, media.Scattering] | None = None
-        self.orders = len(self.truncated.moments) if scatters else 0
-        self.error = self._scattering(range(1), 0).correction if scatters else 0.0
-        self.cut = self.truncated.forward + self.truncated.backward
+        self.orders = min(len(self.truncated.moments), most) if scatters else 0
 
     def first(self, orders: range) -> int:
         return 0

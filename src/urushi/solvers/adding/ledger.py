@@ -26,6 +26,7 @@ from ..smooth import cosines, layers
 from . import build
 from .basis import Grid
 from .operator import OPERATORS, Operator, identity
+from .smooth import nothing
 from .solution import Solution
 from .threads import one_thread
 
@@ -75,9 +76,10 @@ class Interior:
             return cls(stack, bound, None, {}, order)
         grid = solution.grid
         tolerance = 0.1 * float(solution.diagnostics.get("accuracy", 1e-3))
+        every = build.layers(bound, build.phase_functions(stack), grid, tolerance)
         pile = [
-            layer.slab(range(1), 0)
-            for layer in build.layers(bound, build.phase_functions(stack), grid, tolerance)
+            nothing(grid.count(place.number)) if layer is None else layer.slab(range(1), 0)
+            for place, layer in zip(_places(stack), every, strict=True)
         ]
         shares = {True: _shares(pile, len(grid.mu[0]), _taken(bound, grid))}
         if not bound.opaque:

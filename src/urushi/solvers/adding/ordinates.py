@@ -14,26 +14,26 @@ from ...errors import UrushiError
 from .media import Scattering
 from .operator import Operator
 
+#: albedo above which a mode may fade so slowly that its rate needs all digits
+CONSERVED = 0.999
+
 
 def solve(scattering: Scattering, depth: np.ndarray, albedo: np.ndarray) -> Slab:
     """A homogeneous slab; see `media.slab`, which checks the arguments."""
-    albedos, which = np.unique(albedo, return_inverse=True)
-    k, f, g = modes(scattering, albedos)
-    h = np.broadcast_to(depth[:, None, None] / 2, (max(len(depth), len(albedo)), 1, 1))
-    which = np.broadcast_to(which, len(h))
-    x = h * k[which]
-    fading = h * np.where(x > 1e-8, np.tanh(x) / np.where(x > 1e-8, x, 1), 1)
+    k, f, g = modes(scattering, albedo)
+    h = depth[:, None, None] / 2
+    x = h * k
+    fading = h * np.divide(np.tanh(x), x, out=np.ones_like(x), where=x > 1e-8)
     unit = np.eye(len(scattering.mu))
 
     def half(factor: np.ndarray) -> np.ndarray:
-        scaled = factor[which] * fading[:, :, None, :]
-        found: np.ndarray = np.linalg.inv(unit + scaled @ np.swapaxes(factor[which], 2, 3))
+        found: np.ndarray = np.linalg.inv(unit + (factor * fading[:, :, None]) @ np.swapaxes(factor, 2, 3))
         return found
 
     alike, opposite = half(f), half(g)
-    passed = np.exp(-2 * h[:, 0] / scattering.mu)
+    passed = np.exp(-depth[:, None] / scattering.mu)
     return operators(
-        scattering, alike - opposite, alike + opposite - unit * (1 + passed[:, None, None, :]), passed
+        scattering, alike - opposite, alike + opposite - unit * (1 + passed[:, None, None]), passed
     )
 
 
@@ -42,7 +42,7 @@ def modes(scattering: Scattering, albedo: np.ndarray) -> tuple[np.ndarray, np.nd
 
     Args:
         scattering: the phase function on the nodes.
-        albedo: (A,) different albedos.
+        albedo: (A,) albedos.
 
     Returns:
         k: (A, M, n) rates of fading, >= 0; F U and G V: (A, M, n, n).
@@ -51,36 +51,37 @@ def modes(scattering: Scattering, albedo: np.ndarray) -> tuple[np.ndarray, np.nd
         UrushiError: too few nodes for the phase function: more light is scattered than there is.
     """
     slant = 1 / np.sqrt(scattering.mu)[:, None]
-    f = slant * _root(scattering.even, albedo, scattering.first == 0)
-    g = slant * _root(scattering.odd, albedo, False)
+    lasting = (albedo > CONSERVED) & (scattering.first == 0)
+    f = slant * _root(scattering.even, albedo, lasting)
+    g = slant * _root(scattering.odd, albedo, lasting & False)
     u, k, vt = np.linalg.svd(np.swapaxes(f, 2, 3) @ g)
     return k, f @ u, g @ np.swapaxes(vt, 2, 3)
 
 
-def _root(scattered: np.ndarray, albedo: np.ndarray, conserves: bool) -> np.ndarray:
+def _root(scattered: np.ndarray, albedo: np.ndarray, lasting: np.ndarray) -> np.ndarray:
     """(A, M, n, n) F with F F^T = 1 - a E: Cholesky's factor.
 
     Args:
         scattered: (M, n, n) E.
         albedo: (A,) a.
-        conserves: whether the first matrix has the eigenvalue 1, so that at albedo 1 it has no such factor, and one is
-            made of its eigenvectors.
+        lasting: (A,) where the first matrix loses next to nothing: its largest eigenvalue is 1, so that at albedo 1
+            there is no such factor, and eigenvectors make one.
     """
-    found = np.zeros((len(albedo), *scattered.shape))
-    if conserves:
+    unit = np.eye(scattered.shape[1])
+    left = unit - albedo[:, None, None, None] * scattered
+    left[lasting, 0] = unit
+    found = np.empty(left.shape)
+    try:  # from the horizon on, where light fades fastest: that keeps ten times as many digits
+        found[..., ::-1, :] = np.linalg.cholesky(left[..., ::-1, ::-1])
+    except np.linalg.LinAlgError:
+        raise _too_few(scattered) from None
+    if lasting.any():
         value, vector = np.linalg.eigh(scattered[0])
         if abs(value[-1] - 1) < 1e-10:
             value[-1] = 1  # the columns were normalised: this one is known
-        left = 1 - albedo[:, None, None] * value
-        if left.min() < 0:
+        if value[-1] > 1:
             raise _too_few(scattered)
-        found[:, 0] = vector * np.sqrt(left)
-    rest = slice(int(conserves), None)
-    left = np.eye(scattered.shape[1]) - albedo[:, None, None, None] * scattered[rest]
-    try:  # from the horizon on, where light fades fastest: that keeps ten times as many digits
-        found[:, rest, ::-1] = np.linalg.cholesky(left[..., ::-1, ::-1])
-    except np.linalg.LinAlgError:
-        raise _too_few(scattered) from None
+        found[lasting, 0] = vector * np.sqrt(1 - albedo[lasting, None, None] * value)
     return found
 
 

@@ -27,6 +27,8 @@ from ...optics.phase import normalised
 MOST_TERMS = 1800
 #: so many degrees at a time are tried on the nodes
 STRETCH = 32
+#: 2 l + 1
+_TIMES = 2.0 * np.arange(MOST_TERMS + 1) + 1
 
 
 class Phase(Protocol):
@@ -126,9 +128,9 @@ def terms(phase: Phase, tolerance: float, times: int = 1) -> int:
         a number of terms, at most `MOST_TERMS`.
     """
     moments = np.abs(phase.moments(MOST_TERMS + 1))
-    size = (2 * np.arange(MOST_TERMS + 1) + 1) * (moments if times == 1 else moments**times)
-    left = np.cumsum(size[::-1])[::-1]
-    return int(np.argmax(left <= tolerance * left[0])) if left[-1] <= tolerance * left[0] else MOST_TERMS
+    left = np.cumsum((_TIMES * (moments if times == 1 else moments**times))[::-1])[::-1]
+    enough = left <= tolerance * left[0]
+    return int(np.argmax(enough)) if enough[-1] else MOST_TERMS
 
 
 def resolved(mu: np.ndarray, weights: np.ndarray, tolerance: float = 1e-4) -> int:
@@ -160,8 +162,8 @@ def harmonics(mu: np.ndarray, count: int, orders: range) -> np.ndarray:
         orders: which m, ascending by 1.
 
     Returns:
-        (max(count - orders.start, 0), len(orders), n): at [j, i] that of the i-th order and l = m + j, so that even l - m
-        come first, third, ...; 0 from l = count on.
+        (max(count - orders.start, 0), len(orders), n): at [j, i] that of the i-th order and l = m + j; 0 from l = count
+        on.
 
     Raises:
         UrushiError: more terms than double precision carries.
@@ -178,14 +180,13 @@ def harmonics(mu: np.ndarray, count: int, orders: range) -> np.ndarray:
     # sqrt(l^2 - m^2) Y_l = (2 l - 1) mu Y_(l-1) - sqrt((l-1)^2 - m^2) Y_(l-2), stable upwards
     j = np.arange(rows)[:, None]
     root = np.sqrt(j * (j + 2 * m))
-    one = ((2 * (m + j) - 1)[1:] / root[1:])[..., None]
+    one = ((2 * (m + j) - 1)[1:] / root[1:])[..., None] * mu
     two = (root[:-1] / root[1:])[..., None]
     for k in range(1, rows):
-        some = min(rows - k, len(m))  # the orders that have so many terms
-        value = one[k - 1, :some] * (mu * found[k - 1, :some])
+        now = found[k, : min(rows - k, len(m))]  # the orders that have so many terms
+        np.multiply(one[k - 1, : len(now)], found[k - 1, : len(now)], out=now)
         if k > 1:
-            value -= two[k - 1, :some] * found[k - 2, :some]
-        found[k, :some] = value
+            now -= two[k - 1, : len(now)] * found[k - 2, : len(now)]
     return found
 
 

@@ -9,7 +9,7 @@ from ...adding import Slab
 from ...interfaces import Interface
 from ..arrays import padded
 from .basis import Grid
-from .operator import Operator, zero
+from .operator import Operator, identity, zero
 
 
 def smooth(interface: Interface, grid: Grid, region: int) -> Slab:
@@ -44,6 +44,12 @@ def smooth(interface: Interface, grid: Grid, region: int) -> Slab:
         Operator((n_below, n_below), r_bottom),
         Operator((n, n_below), t),
     )
+
+
+def nothing(n: int) -> Slab:
+    """No interface at all, between regions of n nodes."""
+    none, everything = zero(n), identity(n)
+    return Slab(none, everything, none, everything)
 
 
 def _energy(interface: Interface, mu: np.ndarray, above: bool) -> tuple[np.ndarray, np.ndarray]:

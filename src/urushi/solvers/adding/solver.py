@@ -13,6 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ...adding import Slab, add, from_above
+from ...interfaces import Null
 from ..bound import BoundStack
 from ..direct import direct_is_certain
 from . import once
@@ -20,10 +21,13 @@ from .basis import Grid
 from .layers import Layer, MediumLayer, SmoothLayer
 from .operator import OPERATORS, Operator
 from .phase import Phase
+from .smooth import nothing
 from .solution import Block, Part, Solution
+from .table import SIDES
 
-#: bytes that the dense arrays of one layer may take at a time
-MEMORY = 1 << 26
+#: bytes that the dense arrays of one layer may take at a time; and those of the first orders, where it is the calls
+#: that take time, not the numbers
+MEMORY, CACHE = 1 << 26, 1 << 17
 #: the search ends after so many orders in a row that hold next to nothing
 QUIET = 4
 #: more orders than this are not looked for
@@ -46,7 +50,7 @@ class Found:
 def solve_on(
     stack: BoundStack,
     grid: Grid,
-    layers: Sequence[Layer],
+    layers: Sequence[Layer | None],
     colours: int,
     tolerance: float,
     complete: bool = False,
@@ -56,7 +60,8 @@ def solve_on(
     Args:
         stack: with its numbers.
         grid: the nodes.
-        layers: top to bottom, as `bound` orders them: interface, medium (where there is one), interface, ...
+        layers: top to bottom, as `bound` orders them: interface (None for no interface), medium (where there is one),
+            interface, ...
         colours: C.
         tolerance: orders that hold less than this, relative to the largest of their kind, end the search.
         complete: look for orders of what has a closed form as well: the BSDF needs none, but other layers on or below
@@ -65,40 +70,70 @@ def solve_on(
     Returns:
         the solution; its diagnostics name the sizes only.
     """
-    sides = [(True, True)] if stack.opaque else [(a, b) for a in (True, False) for b in (True, False)]
-    blocks: dict[tuple[bool, bool], list[Block]] = {side: [] for side in sides}
-    rest: dict[tuple[bool, bool], list[Block]] = {side: [] for side in sides}
-    delta: dict[tuple[bool, bool], np.ndarray | None] = {}
-    most = max(layer.orders for layer in layers)
+    sides = SIDES[:1] if stack.opaque else SIDES
+    there = [layer for layer in layers if layer is not None]
+    gathered = {side: _Gathered(side, grid, colours, complete) for side in sides}
+    distinct: Sequence[tuple[bool, bool]] = sides
+    most = max((layer.orders for layer in there), default=0)
     heights = np.zeros(0)
     for orders in _chunks(most, grid, colours):
-        found = _solve_orders(stack, layers, orders, _first(layers, orders))
-        weight = _heights(grid, stack, found.first)
-        height = np.zeros(len(orders))
-        for side in sides:
-            operator = _side(found.whole, side)
-            if side not in delta:
-                delta[side] = _coloured(operator.delta, colours)
-            dense = operator.dense
-            closed = found.closed.get(side)
-            if closed is not None and closed.dense is not None:
-                rest[side].append(_block(orders, found.first, closed.dense, colours))
-                dense = closed.dense * -1 if dense is None else dense - closed.dense
-            if dense is not None:
-                blocks[side].append(_block(orders, found.first, dense, colours))
-                counted = operator.dense if complete and operator.dense is not None else dense
-                some = np.abs(counted * weight[side]).max(axis=(0, 2, 3), initial=0.0)
-                height[: len(some)] = np.maximum(height[: len(some)], some)
-        heights = np.append(heights, height)
+        found = _solve_orders(stack, grid, layers, orders, _first(there, orders))
+        if found.whole.symmetric:
+            distinct = SIDES[:2]  # from below it looks as from above
+        heights = np.append(heights, np.max([gathered[side].add(found) for side in distinct], axis=0))
         if len(_loud(heights, tolerance)) + QUIET <= len(heights):
             break
     used = len(heights) if complete else max(len(_loud(heights, tolerance)), 1)
-    for every in (blocks, rest):
-        for side in sides:
-            every[side] = [_cut(block, used) for block in every[side] if block.orders.start < used]
-    parts = {side: Part(*side, delta.get(side), blocks[side], rest[side]) for side in sides}
+    for side in distinct:
+        gathered[side].cut(used)
+    parts = {
+        side: gathered[side if side in distinct else (True, side[0] == side[1])].part(side) for side in sides
+    }
     sizes = {"nodes": len(grid.s), "orders": used, "complete": complete}
     return Solution(grid, parts, closed_form(stack), colours, sizes)
+
+
+class _Gathered:
+    """What is found of one side, group by group of orders.
+
+    Args:
+        side: (from above, to above).
+        grid, colours, complete: see `solve_on`.
+    """
+
+    def __init__(self, side: tuple[bool, bool], grid: Grid, colours: int, complete: bool) -> None:
+        self.side, self.colours, self.complete = side, colours, complete
+        i, o = (0 if above else -1 for above in side)
+        # What turns operators into values that can be compared: flux density over the cosine.
+        self.scale = (grid.mu[o][:, None] + grid.mu[i]) / (grid.mu[o] * grid.weights[o])[:, None]
+        self.delta: np.ndarray | None = None
+        self.blocks: list[Block] = []
+        self.rest: list[Block] = []
+
+    def add(self, found: Found) -> np.ndarray:
+        """Take some orders; returns how high each of them is."""
+        operator, closed = _side(found.whole, self.side), found.closed.get(self.side)
+        if found.orders.start == 0:
+            self.delta = _coloured(operator.delta, self.colours)
+        dense, height = operator.dense, np.zeros(len(found.orders))
+        if closed is not None and closed.dense is not None:
+            self.rest.append(_block(found.orders, found.first, closed.dense, self.colours))
+            dense = closed.dense * -1 if dense is None else dense - closed.dense
+        if dense is not None:
+            self.blocks.append(_block(found.orders, found.first, dense, self.colours))
+            counted = operator.dense if self.complete and operator.dense is not None else dense
+            some = np.abs(counted * self.scale[found.first :, found.first :])
+            height[: counted.shape[1]] = some.max(axis=(2, 3), initial=0.0).max(axis=0)
+        return height
+
+    def cut(self, stop: int) -> None:
+        """Leave out the orders from `stop` on."""
+        self.blocks = [_cut(block, stop) for block in self.blocks if block.orders.start < stop]
+        self.rest = [_cut(block, stop) for block in self.rest if block.orders.start < stop]
+
+    def part(self, side: tuple[bool, bool]) -> Part:
+        """All of it, as the part of a side that looks like this one."""
+        return Part(*side, self.delta, self.blocks, self.rest)
 
 
 def _first(layers: Sequence[Layer], orders: range) -> int:
@@ -114,6 +149,8 @@ def _loud(heights: np.ndarray, tolerance: float) -> range:
 
 def _cut(block: Block, stop: int) -> Block:
     """A block without its orders from `stop` on."""
+    if block.orders.stop <= stop:
+        return block
     orders = range(block.orders.start, min(block.orders.stop, stop))
     return Block(orders, block.first, block.values[:, : len(orders)])
 
@@ -123,21 +160,20 @@ def _chunks(most: int, grid: Grid, colours: int) -> Iterator[range]:
     if most == 0:
         yield range(0, 1)
         return
-    fit = max(MEMORY // (8 * colours * len(grid.s) ** 2), 1)
-    start, size = 0, min(4, fit)
+    bytes_each = 8 * colours * len(grid.s) ** 2
+    fit = max(MEMORY // bytes_each, 1)
+    start, size = 0, min(max(4, CACHE // bytes_each), fit)
     while start < min(most, MOST_ORDERS):
         stop = min(start + size, most)
         yield range(start, stop)
         start, size = stop, min(max(4, stop // 2), fit)
 
 
-def _solve_orders(stack: BoundStack, layers: Sequence[Layer], orders: range, first: int) -> Found:
-    slabs = [layer.slab(orders, first) for layer in layers]
-    there = [
-        slab
-        for slab, layer in zip(slabs, layers, strict=True)
-        if not (isinstance(layer, SmoothLayer) and layer.absent)
-    ] or slabs[:1]
+def _solve_orders(
+    stack: BoundStack, grid: Grid, layers: Sequence[Layer | None], orders: range, first: int
+) -> Found:
+    slabs = [None if layer is None else layer.slab(orders, first) for layer in layers]
+    there = [slab for slab in slabs if slab is not None] or [nothing(len(grid.s) - first)]
     below = there[-1]
     for slab in reversed(there[:-1]):
         if stack.opaque:
@@ -148,35 +184,47 @@ def _solve_orders(stack: BoundStack, layers: Sequence[Layer], orders: range, fir
 
 
 def _closed(
-    stack: BoundStack, layers: Sequence[Layer], slabs: Sequence[Slab], orders: range, first: int
+    stack: BoundStack,
+    layers: Sequence[Layer | None],
+    slabs: Sequence[Slab | None],
+    orders: range,
+    first: int,
 ) -> dict[tuple[bool, bool], Operator]:
     """What has a closed form: the outermost interface alone, or one collision behind it where it is smooth."""
     found: dict[tuple[bool, bool], Operator] = {}
+    top, bottom = slabs[0], slabs[-1]
     if direct_is_certain(stack):
-        found[True, True] = slabs[0].r_top
-        if not stack.opaque:
-            found[False, False] = slabs[-1].r_bottom
-        if len(stack.interfaces) == 1 and not stack.opaque:
-            found[True, False], found[False, True] = slabs[0].t_down, slabs[0].t_up
+        if top is not None:
+            found[True, True] = top.r_top
+        if bottom is not None and not stack.opaque:
+            found[False, False] = bottom.r_bottom
+        if len(stack.interfaces) == 1 and not stack.opaque and top is not None:
+            found[True, False], found[False, True] = top.t_down, top.t_up
     if len(layers) < 2:
         return found
-    for above in (True, False):
-        medium = layers[1 if above else -2]
-        if not isinstance(medium, MediumLayer):
+    light: dict[int, tuple[Operator, Operator]] = {}
+    for above, to_above in SIDES:
+        number = 1 if above else len(layers) - 2
+        medium = layers[number]
+        if not isinstance(medium, MediumLayer) or not once.covers(stack, above, to_above):
             continue
-        sides = [(above, to) for to in (above, not above) if once.covers(stack, above, to)]
-        light = medium.once(orders, first) if sides else None
-        for side in sides:
-            assert light is not None
-            found[side] = _once(light, (slabs[0], slabs[-1]), side)
+        if number not in light:
+            light[number] = medium.once(orders, first)
+        found[above, to_above] = _once(light[number], (top, bottom), (above, to_above))
     return found
 
 
-def _once(light: tuple[Operator, Operator], ends: tuple[Slab, Slab], side: tuple[bool, bool]) -> Operator:
+def _once(
+    light: tuple[Operator, Operator], ends: tuple[Slab | None, Slab | None], side: tuple[bool, bool]
+) -> Operator:
     """Light scattered once (reflected, transmitted) through the outer interfaces: `ends`, the upper one first."""
-    top, bottom = ends if side[0] else (ends[1].turned_over(), ends[0].turned_over())
-    r, t = light
-    found: Operator = top.t_up @ (r @ top.t_down) if side[0] == side[1] else bottom.t_down @ (t @ top.t_down)
+    from_above, to_above = side
+    into, out = (ends[0 if above else 1] for above in side)
+    found = light[0] if from_above == to_above else light[1]
+    if into is not None:
+        found = found @ (into.t_down if from_above else into.t_up)
+    if out is not None:
+        found = (out.t_up if to_above else out.t_down) @ found
     return found
 
 
@@ -200,13 +248,16 @@ def scattered_once(
     region = 1 if side[0] else last
     medium = stack.media[region]
     assert medium is not None
-    layer = MediumLayer(medium, phases[0 if side[0] else -1], grid, region, terms=solution.terms[region])
-    outer = {k: SmoothLayer(stack.interfaces[k], grid, k) for k in {0 if above else last for above in side}}
+    scattering = MediumLayer(medium, phases[0 if side[0] else -1], grid, region, terms=solution.terms[region])
+    used = {0 if above else last for above in side}
+    outer = [
+        SmoothLayer(interface, grid, k) if k in used and not isinstance(interface, Null) else None
+        for k, interface in ((0, stack.interfaces[0]), (last, stack.interfaces[-1]))
+    ]
     found = []
     for orders, first in blocks:
-        slabs = {k: smooth.slab(orders, first) for k, smooth in outer.items()}
-        ends = slabs.get(0, slabs[max(slabs)]), slabs.get(last, slabs[min(slabs)])
-        operator = _once(layer.once(orders, first), ends, side)
+        top, bottom = (None if layer is None else layer.slab(orders, first) for layer in outer)
+        operator = _once(scattering.once(orders, first), (top, bottom), side)
         if operator.dense is not None:
             found.append(_block(orders, first, operator.dense, solution.colours))
     return found
@@ -222,20 +273,13 @@ def _side(slab: Slab, side: tuple[bool, bool]) -> Operator:
     return operator
 
 
-def _heights(grid: Grid, stack: BoundStack, first: int) -> dict[tuple[bool, bool], np.ndarray]:
-    """What turns operators into values that can be compared: flux density over the cosine."""
-    found = {}
-    for side in ((True, True), (True, False), (False, True), (False, False)):
-        region_i, region_o = (0 if above else -1 for above in side)
-        mu_o, weight = grid.mu[region_o][first:], grid.weights[region_o][first:]
-        mu_i = grid.mu[region_i][first:]
-        found[side] = (mu_o[:, None] + mu_i) / (mu_o * weight)[:, None]
-    return found
-
-
 def _block(orders: range, first: int, dense: np.ndarray, colours: int) -> Block:
     present = range(orders.start, orders.start + dense.shape[1])
-    return Block(present, first, np.broadcast_to(dense, (colours, *dense.shape[1:])))
+    return Block(
+        present,
+        first,
+        dense if len(dense) == colours else np.broadcast_to(dense, (colours, *dense.shape[1:])),
+    )
 
 
 def _coloured(delta: np.ndarray | None, colours: int) -> np.ndarray | None:

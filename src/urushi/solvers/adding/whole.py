@@ -73,7 +73,7 @@ class _Problem:
 
     def __init__(self, stack: Stack, accuracy: float, extra: Sequence[float]) -> None:
         _ready()
-        self.bound, self.colours = build.bind_numbers(stack)
+        self.bound, self.colours = build.solvable(stack)
         self.phases = build.phase_functions(stack)
         self.indices, self.extra = build.indices(self.bound), tuple(extra)
         self.accuracy, self.tolerance = accuracy, 0.1 * accuracy
