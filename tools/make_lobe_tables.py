@@ -320,6 +320,7 @@ def main() -> None:
     """Compute and write every table."""
     ensure()
     import lobe_exits
+    import lobe_matte
     import lobe_round_trips
     import lobe_sheets
     from urushi.solvers.lobes import tables
@@ -332,6 +333,8 @@ def main() -> None:
     np.savez_compressed(OUT / "round_trips.npz", round_trips=fixed_point(lobe_round_trips.tables()))
     np.savez_compressed(OUT / "sheets.npz", sheets=fixed_point(lobe_sheets.tables()))
     np.savez_compressed(OUT / "exits.npz", exits=fixed_point(lobe_exits.tables()))
+    low = {name: lobe_matte.rounded(name, table) for name, table in lobe_matte.tables().items()}
+    np.savez_compressed(OUT / "matte.npz", **low)
     for distribution in ("ggx", "beckmann"):
         for masking in ("correlated", "separable"):
             made = [*dielectric((distribution, masking)), *metal((distribution, masking))]

@@ -11,7 +11,7 @@ for any number of lights, with derivatives in every parameter.
     recursion  all of it, lobe after lobe               published   the same as the paper has it
     lobe       value and shape of one lobe              exit        how diffuse light leaves
     mixture    what is sampled                          core        all of it, as a BSDF on Dr.Jit arrays
-    through    what leaves on the far side
+    through    what leaves on the far side                  matte       rough diffuse bases
     slopes     interfaces with normals of their own     returns     what goes back and forth between layers
 
 Sources: Belcour 2018; Weier & Belcour 2020 (anisotropy); de Dinechin & Belcour 2022 (diffuse bases).
@@ -36,8 +36,6 @@ def reasons_against(stack: Stack, published: bool = False) -> list[str]:
     for i, layer in enumerate(stack.layers):
         if published and getattr(layer, "normal", None) is not None:
             reasons.append(f"layers[{i}].normal is given, which the published method does not know")
-        if layer.kind == "diffuse" and getattr(layer, "alpha", 0.0) not in (0.0, (0.0, 0.0)):
-            reasons.append(f"layers[{i}].alpha is not 0, and a rough diffuse base has no operator: use 0")
         if published and layer.kind == "diffuse":
             reasons.append(f"layers[{i}] is diffuse, which the published method does not know")
     return reasons

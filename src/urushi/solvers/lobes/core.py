@@ -35,12 +35,15 @@ class Found:
         lobes: see `Lobe`.
         first: the lobe of the outermost interface, which is known exactly; None where it is smooth everywhere.
         diffuse, beyond: diffuse energy on the side of the light and on the other; the float 0 where there is none.
+        lit, white: of a rough diffuse base that is seen, see `matte.Lit`; else the float 0.
     """
 
     lobes: list[Lobe]
     first: Lobe | None
     diffuse: Array
     beyond: Array
+    lit: Array = 0.0
+    white: Array = 0.0
 
     def energy(self, same: bool) -> Array:
         """All that leaves on one side, without delta parts."""
@@ -145,7 +148,7 @@ class LobesCore:
             through = turned_by(through, answer.through.turn)
             unscattered_through = None if still is None else still.through
             lobes += self._split(answer.through, unscattered_through, through, False, "transmitted")
-        return Found(lobes, first, answer.diffuse, answer.beyond)
+        return Found(lobes, first, answer.diffuse, answer.beyond, *(answer.lit or (0.0, 0.0)))
 
     def look(self, wi: Vector, above: bool) -> Found:
         """What `find` says, from a table where there is one."""
@@ -220,7 +223,8 @@ class LobesCore:
             if self.symmetric and mine:
                 spread = self.exits[above].reciprocal(wi, wo)
             else:
-                spread = energy * self._leaving(above if mine else not above, o)
+                shape = self.exits[above if mine else not above]
+                spread = shape.weighed(energy, found, wi, o) * self._leaving(shape.above, o)
             value = value + dr.select(here, spread, 0)
         return value
 

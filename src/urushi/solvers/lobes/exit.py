@@ -13,15 +13,17 @@ from typing import TYPE_CHECKING, Any
 import drjit as dr
 import numpy as np
 
-from ...interfaces import BoundDiffuse
+from ...interfaces import BoundDiffuse, RoughDiffuse
+from ...interfaces.tilted import Tilted
 from ...optics.vectors import Array, Vector, at_least, channels
 from ..facet_lobe import Lobe
 from . import slopes
+from .matte import Matte, clear
 from .medium import Particles
 from .operators import GRAZING, Boundary
 
 if TYPE_CHECKING:
-    from .core import LobesCore
+    from .core import Found, LobesCore
 
 #: nodes of the integral over the cosine
 NODES = 8
@@ -40,10 +42,16 @@ class Exit:
         base = core.tilted is not None and core.tilted.interfaces[-1].tilted
         scattering = any(medium is not None and medium.scatters for medium in core.stack.media)
         #: a tilted base that is diffuse, and is seen through what does not scatter
-        diffuse = isinstance(core.stack.interfaces[-1], BoundDiffuse)
+        diffuse = isinstance(core.stack.interfaces[-1], (BoundDiffuse, RoughDiffuse))
         self._shaded = core.tilted if base and diffuse and above and not scattering else None
+        base_of_all: Any = core.stack.interfaces[-1]
+        rough = above and isinstance(base_of_all, RoughDiffuse) and clear(core.stack)
+        #: a rough diffuse base that is seen through what does not scatter
+        self.matte = Matte(base_of_all) if rough else None
         self._whole: Array | None = None
         self._mean: Array | None = None
+        self._white: Array | None = None
+        self._evened: Array | None = None
 
     def density(self, o: Vector) -> Array:
         """Per solid angle, cosine included; integrates to 1 over the side. o has z > 0."""
@@ -52,11 +60,51 @@ class Exit:
         found = self._passing(o) * o.z / (dr.pi * at_least(self._whole, 1e-6))
         return found if self._shaded is None else found * slopes.shade(self._shaded, o)
 
+    def weighed(self, energy: Array, found: Found, wi: Vector, o: Vector) -> Array:
+        """What `density` is multiplied by: the energy, and what a rough diffuse base does with directions.
+
+        Light that it sends out the first time hangs on where it came from. What comes back to it, and is sent out
+        later, is even: by reciprocity it leaves as the base takes in light.
+        """
+        if self.matte is None:
+            return energy
+        if self._evened is None:
+            self._evened = self._average(o, lambda w: self._passing(w) * self._albedo(w)) / self._average(
+                o, self._passing
+            )
+        later = (energy - found.lit) * self._albedo(o) / at_least(self._evened, 1e-6)
+        return found.white * self._seen(wi, o) + later
+
     def reciprocal(self, wi: Vector, wo: Vector) -> Array:
         """The diffuse part of f |cos o| in its symmetric form: m(wi) m(wo) / (pi mean m), m the diffuse energy."""
         if self._mean is None:
             self._mean = self._average(wi, self._energy)
-        return self._energy(wi) * self._energy(wo) * dr.abs(wo.z) / (dr.pi * at_least(self._mean, 1e-9))
+        even = self._energy(wi) * self._energy(wo) / at_least(self._mean, 1e-9)
+        if self.matte is not None:
+            if self._white is None:
+                self._white = self._average(wi, self._lit)
+            even = even + self._lit(wi) * self._lit(wo) / at_least(self._white, 1e-9) * self._seen(wi, wo)
+        return even * dr.abs(wo.z) * dr.inv_pi
+
+    def _seen(self, wi: Vector, wo: Vector) -> Array:
+        """`Matte.value` for directions outside."""
+        assert self.matte is not None
+        return self.matte.value(self._within(wi), self._within(wo))
+
+    def _albedo(self, w: Vector) -> Array:
+        assert self.matte is not None
+        return self.matte.albedo(self._within(w).z)
+
+    def _within(self, w: Vector) -> Vector:
+        """A direction outside as it is at the base, in its frame."""
+        core = self.core
+        ratio = core.stack.indices[0] / core.stack.indices[-2]
+        x, y = w.x * ratio, w.y * ratio
+        within = type(w)(x, y, dr.sqrt(at_least(1 - dr.square(x) - dr.square(y), 1e-6)))
+        base: Any = (core.tilted or core.stack).interfaces[-1]
+        if isinstance(base, Tilted):
+            within = base.enter(within, True)
+        return type(w)(within.x, within.y, at_least(within.z, 1e-3))
 
     def _average(self, like: Vector, term: Any) -> Array:
         """The mean of a function of directions, by cosine; once for all lanes where the stack is the same for them."""
@@ -71,7 +119,13 @@ class Exit:
         return found
 
     def _energy(self, w: Vector) -> Array:
-        return self.core.answer(w, self.above).diffuse
+        answer = self.core.answer(w, self.above)
+        return answer.diffuse if answer.lit is None else answer.diffuse - answer.lit.energy
+
+    def _lit(self, w: Vector) -> Array:
+        lit = self.core.answer(w, self.above).lit
+        assert lit is not None
+        return lit.white + 0 * w.x
 
     @staticmethod
     def sampler(up: bool) -> Any:

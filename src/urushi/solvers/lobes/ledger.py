@@ -72,7 +72,8 @@ class Tally:
         """
         beam, even = (1 / at_least(value, 1e-9) - 1 for value in unshadowed)
         self.shadowed[number] = sum(
-            r.beam * down.beam * beam + r.diffuse * down.scattered * even for (r, _), down in passes
+            (r.beam + r.scattered) * down.beam * beam + r.diffuse * down.scattered * even
+            for (r, _), down in passes
         )
 
     def _share(self, slabs: list[Slab], light: Flow) -> None:

@@ -18,11 +18,12 @@ from typing import Any
 import drjit as dr
 import numpy as np
 
-from ...interfaces import BoundConductor, BoundDielectric, BoundDiffuse, Interface, Null
+from ...interfaces import BoundConductor, BoundDielectric, BoundDiffuse, Interface, Null, RoughDiffuse
 from ...interfaces.base import Frame
 from ...optics.fresnel import fresnel_conductor, fresnel_dielectric
 from ...optics.vectors import Array, Vector, at_least, negate, root
 from . import tables
+from .matte import Matte
 from .settled import settled
 from .width import OURS, Scale, Width, mean_roughness, of_interface
 
@@ -46,6 +47,8 @@ class Boundary:
         self.inner: Any = interface.single if self.full else interface
         self.opaque, self.above = interface.opaque, above
         self.delta = interface.delta
+        #: a rough diffuse base, else None
+        self.matte = Matte(self.inner) if isinstance(self.inner, RoughDiffuse) else None
         facets = getattr(self.inner, "facets", None)
         self.smooth = facets is None
         self.eta = self.inner.ratio(above)
@@ -142,7 +145,7 @@ class Boundary:
         """Reflectance and transmittance of a lobe of mean cosine `cos` and roughness `width` (None: one direction)."""
         if isinstance(self.inner, Null):
             return 0.0, 1.0
-        if isinstance(self.inner, BoundDiffuse):
+        if self.scatters():
             return 0.0, 0.0
         sharp = self.smooth and width is None
         if isinstance(self.inner, BoundConductor):
@@ -186,6 +189,8 @@ class Boundary:
         """Reflectance and transmittance of diffuse light."""
         if isinstance(self.inner, Null):
             return 0.0, 1.0
+        if self.matte is not None:
+            return self.matte.even(like), 0.0
         if isinstance(self.inner, BoundDiffuse):
             return self.inner.reflectance + 0 * like, 0.0
         kind = self._kind()
@@ -200,6 +205,8 @@ class Boundary:
 
     def unshadowed(self, cos: Array, width: Array | None) -> tuple[Array, Array]:
         """What facets that reflect everything would send out, of a lobe and of diffuse light; 1 where none is lost."""
+        if self.matte is not None:
+            return self.matte.unshadowed(cos)
         if not isinstance(self.inner, BoundConductor) or self.smooth or self.full:
             return 1.0, 1.0
         ideal = 0 * cos, 1 + 0 * cos
@@ -211,7 +218,13 @@ class Boundary:
 
     def scatters(self) -> bool:
         """Whether a beam becomes diffuse here."""
-        return isinstance(self.inner, BoundDiffuse)
+        return isinstance(self.inner, (BoundDiffuse, RoughDiffuse))
+
+    def diffused(self, cos: Array) -> Array:
+        """How much of a beam becomes diffuse light that is sent back."""
+        if self.matte is not None:
+            return self.matte.albedo(cos)
+        return self.inner.reflectance if self.scatters() else 0.0
 
     def still(self) -> Any:
         """Mask of the lanes where it is smooth: a beam stays a direction."""
@@ -224,7 +237,7 @@ class Boundary:
 def supports(interface: Interface) -> bool:
     """Whether there are operators for an interface."""
     inner = interface.single or interface
-    return isinstance(inner, (BoundConductor, BoundDielectric, BoundDiffuse, Null))
+    return isinstance(inner, (BoundConductor, BoundDielectric, BoundDiffuse, Null, RoughDiffuse))
 
 
 def shown(x: Array, y: Array, w: Vector) -> Array:

@@ -22,6 +22,7 @@ import drjit as dr
 from ...interfaces import BoundDielectric
 from ...optics.vectors import Array, Vector, at_least, channels, total
 from ..bound import BoundStack
+from . import matte
 from .flow import ALL, Flow, bounce, times
 from .medium import Particles
 from .operators import GRAZING, Boundary
@@ -60,12 +61,14 @@ class Answer:
         reflected: lobes on the side of the light, one for each interface that reflects.
         through: the lobe on the other side; None below an opaque base.
         diffuse, beyond: energy of the diffuse light on both sides; the float 0 where there is none.
+        lit: the part of `diffuse` that a rough diffuse base sent out the first time, and what it hangs on, if any.
     """
 
     reflected: list[Beam]
     through: Beam | None
     diffuse: Array
     beyond: Array
+    lit: matte.Lit | None = None
 
 
 def respond(stack: BoundStack, wi: Vector, above: bool, scatters: bool = True, tally: Any = None) -> Answer:
@@ -94,14 +97,20 @@ def respond(stack: BoundStack, wi: Vector, above: bool, scatters: bool = True, t
         # --- reflection: the lobe of this interface
         r, t = boundary.beam(cos, width)
         even_r, even_t = boundary.even(cos)
-        base = boundary.inner.reflectance if boundary.scatters() else 0.0
-        step = Step(boundary, cos, spread_above, Flow(r, base, even_r), Flow(t, 0.0, even_t))
+        step = Step(
+            boundary, cos, spread_above, Flow(r, boundary.diffused(cos), even_r), Flow(t, 0.0, even_t)
+        )
         lobe_width = plus(spread.down, boundary.reflected)
         back_width = lobe_width if not _known(sharp, boundary) else None
         met = meet(steps, step, boundary.back(cos, width, lobe_width), back_width, k == order[-1])
         (r, t), (later_r, later_t) = met.first, met.later
         up, later = met.above.whole, met.above_later.whole
         first = times(r, arriving)
+        lit = None
+        if boundary.matte is not None and matte.clear(stack):
+            even_out = up.t_up.diffuse
+            up = boundary.matte.leaves(up, straight, matte.rim(stack))
+            lit = matte.Lit(up.t_up.diffuse * first.scattered, even_out * arriving.beam)
         more = bounce(later.r_bottom, later_r, times(up.r_bottom, first))
         again = times(later_r, more)
         sent = times(up.t_up, first) + times(later.t_up, again)
@@ -120,7 +129,7 @@ def respond(stack: BoundStack, wi: Vector, above: bool, scatters: bool = True, t
                 tally.based(k, passes, boundary.unshadowed(cos, width))
         arriving = times(t, arriving) + times(later_t, more)
         if boundary.opaque:
-            return Answer(reflected, None, diffuse, 0.0)
+            return Answer(reflected, None, diffuse, 0.0, lit)
         # --- refraction, and what it does to widths
         snell = boundary.refracted(cos)
         below = at_least(snell, GRAZING)
