@@ -36,7 +36,7 @@ def _median(stack: ur.Stack, method: str, wi: np.ndarray, **options: object) -> 
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("theta", [1.0, 30.0, 60.0])
+@pytest.mark.parametrize("theta", [1.0, 30.0, 60.0, 75.0])
 @pytest.mark.parametrize(
     "layers",
     [
@@ -48,20 +48,20 @@ def _median(stack: ur.Stack, method: str, wi: np.ndarray, **options: object) -> 
         (ur.Dielectric(ior=1.5, alpha=0.05), ur.Dielectric(ior=2.0, alpha=0.1), _metal(0.02)),
         (ur.Dielectric(ior=1.5, alpha=0.2), ur.Dielectric(ior=2.0, alpha=0.05), _metal(0.02)),
         (ur.Dielectric(ior=1.3, alpha=0.02), ur.Dielectric(ior=2.2, alpha=0.25), _metal(0.02)),
+        (ur.Dielectric(ior=1.3, alpha=0.05), ur.Dielectric(ior=1.8, alpha=0.3), _metal(0.2)),
+        (ur.Dielectric(ior=1.5, alpha=0.3), ur.Dielectric(ior=2.0, alpha=0.3), _metal(0.3)),
+        (*(ur.Dielectric(ior=ior, alpha=0.1) for ior in (1.3, 1.6, 2.0)), _metal(0.1)),
     ],
     ids=lambda layers: " ".join(str(layer.alpha) for layer in layers),
 )
 def test_width(layers: tuple, theta: float) -> None:
-    """Within 10 % up to alpha 0.3 and 60 degrees; with three interfaces nearer than the published form."""
+    """Within 10 % up to alpha 0.3 and 60 degrees, and 17 at 75; with three interfaces nearer than the published form."""
     stack = ur.Stack(layers=layers)
     wi = np.array([np.sin(np.radians(theta)), 0, np.cos(np.radians(theta))])
     truth = _median(stack, "walk", wi, samples=2048)
     ours, published = (_median(stack, "lobes", wi, published=way) for way in (False, True))
-    steep = (
-        theta > 45 and layers[1].alpha == 0.25
-    )  # what a rough interface between others widens is not counted
-    assert ours == pytest.approx(truth, rel=0.25 if steep else 0.1)
-    if len(layers) > 2:
+    assert ours == pytest.approx(truth, rel=0.17 if theta > 60 else 0.1)
+    if len(layers) > 2 and theta <= 60:
         assert abs(ours - truth) < 0.5 * abs(published - truth)
 
 

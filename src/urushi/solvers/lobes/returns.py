@@ -19,7 +19,7 @@ from . import tables
 from .flow import ALL, FLOWS, NONE, Flow
 from .medium import Particles
 from .operators import GRAZING, Boundary
-from .width import OURS, Width, mean_roughness, plus
+from .width import OURS, Width, capped, mean_roughness, plus
 
 #: (reflectance, transmittance)
 Pair = tuple[Array, Array]
@@ -136,7 +136,7 @@ def from_below(
     first: Array | None = None
     steep: Array | None = None
     lower: tuple[int, Step] | None = None
-    out = seen = width
+    out = width
     whole_sent: Array = 0.0
     passing: Array = 1.0
     for step in reversed(steps):
@@ -162,8 +162,7 @@ def from_below(
             wide = mean_roughness(width if step.width is None else plus(step.width * (1 / factor), width))
             (r, t), later, down, narrower = boundary.round_trip(step.cos, wide)
             down_by, up_by = boundary.transmitted(step.cos, below), turned.transmitted(below, step.cos)
-            out = plus(plus(out, down_by) * factor, up_by)
-            seen = out * OURS.factor(narrower)
+            out = capped(plus(plus(out, down_by) * factor, up_by)) * OURS.factor(narrower)
             # What is totally reflected was the outside of the lobe: the rest is narrower, by medians of GGX.
             kept = t / (r + t)
             width = plus(plus(width * OURS.factor(dr.sqrt(kept / (2 - kept))), down_by) * factor, up_by)
@@ -185,7 +184,7 @@ def from_below(
     for n, slab in enumerate(reversed(slabs)):
         whole = add(whole, slab, FLOWS) if n else slab
     nearest = 1.0 if first is None else first / at_least(whole_sent + 0 * cos, 1e-12)
-    return Above(whole, slabs, nearest, steep, seen)
+    return Above(whole, slabs, nearest, steep, out)
 
 
 def _steeper(slab: Slab, step: Step, cos: Array, alpha: Array) -> Slab:

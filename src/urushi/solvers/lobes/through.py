@@ -12,7 +12,7 @@ import drjit as dr
 from ...optics.vectors import Array, Vector, at_least, at_most
 from . import tables
 from .operators import Boundary
-from .width import OURS, Tensor, Width, mean_roughness, plus
+from .width import OURS, Tensor, Width, capped, mean_roughness, plus
 
 #: cosine of what is bent below the horizon
 LOWEST = 0.05
@@ -34,11 +34,7 @@ def leaving(
     before = mean_roughness(width + 0 * cos)
     in_plane, across, by = tables.exit(thin, boundary.eta, boundary.alpha, before)
     factor = OURS.factor(cos / (boundary.eta * beyond))
-    first = plus(width * factor, boundary.transmitted(cos, beyond))
-    if isinstance(first, Tensor):
-        first = first * (1 / at_least(0.5 * (first.xx + first.yy), 1.0))
-    else:
-        first = at_most(first, 1.0)
+    first = capped(plus(width * factor, boundary.transmitted(cos, beyond)))
     alpha = mean_roughness(first)
     own = by * alpha
     if not (isinstance(turn, float) and turn == 0):

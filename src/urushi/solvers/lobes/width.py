@@ -118,3 +118,10 @@ def axes(width: Width, scale: Scale = OURS) -> tuple[Array, Array, Frame]:
 def mean_roughness(width: Width, scale: Scale = OURS) -> Array:
     """One roughness that stands for all directions."""
     return scale.roughness(0.5 * (width.xx + width.yy) if isinstance(width, Tensor) else width)
+
+
+def capped(width: Width) -> Width:
+    """No wider, in the mean over directions, than the roughest there is."""
+    if isinstance(width, Tensor):
+        return width * (1 / at_least(0.5 * (width.xx + width.yy), 1.0))
+    return at_most(width, 1.0)
