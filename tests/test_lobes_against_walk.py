@@ -55,7 +55,7 @@ def _median(stack: ur.Stack, method: str, wi: np.ndarray, **options: object) -> 
     ids=lambda layers: " ".join(str(layer.alpha) for layer in layers),
 )
 def test_width(layers: tuple, theta: float) -> None:
-    """Within 10 % up to alpha 0.3 and 60 degrees, and 17 at 75; with three interfaces nearer than the published form."""
+    """Within 10 % up to alpha 0.3 and 60 degrees, 17 at 75; nearer than the published form with three interfaces."""
     stack = ur.Stack(layers=layers)
     wi = np.array([np.sin(np.radians(theta)), 0, np.cos(np.radians(theta))])
     truth = _median(stack, "walk", wi, samples=2048)
