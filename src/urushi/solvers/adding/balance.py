@@ -15,6 +15,9 @@ import numpy as np
 from ...adding import Slab
 from ...errors import UrushiError
 
+#: directions of factors that change next to nothing, relative to the strongest
+WEAK = 0.03
+
 
 def reciprocal(there: np.ndarray, back: np.ndarray, w_out: np.ndarray, w_in: np.ndarray) -> np.ndarray:
     """A matrix made reciprocal.
@@ -47,6 +50,10 @@ def _mirror(r: np.ndarray, w: np.ndarray) -> np.ndarray:
 def scales(matrix: np.ndarray, sums: np.ndarray) -> np.ndarray:
     """(C, n) factors d such that the columns of d_o A[o, i] d_i add up to `sums`.
 
+    An interface that reflects next to nothing only exchanges light between both sides. Then all factors above may grow
+    as those below shrink, and what the nodes make both sides send and receive has to agree, which it does to their
+    accuracy only: such directions are left out, and the sums are met up to that.
+
     Args:
         matrix: (C, n, n) order 0 of a whole interface: nodes above, then nodes below.
         sums: (C, n).
@@ -54,24 +61,38 @@ def scales(matrix: np.ndarray, sums: np.ndarray) -> np.ndarray:
     Raises:
         UrushiError: the nodes are too few for the sums to come near.
     """
+    short = np.abs(sums - matrix.sum(1)).max()
+    for cut, left in ((0.0, 1e-9), (WEAK, 0.5 * short)):
+        d, missing = _scaled(matrix, sums, cut)
+        if np.abs(missing).max() < left and d.min() > 0.5 and d.max() < 2:
+            return d
+    raise UrushiError(
+        f"interface: its matrices on {matrix.shape[1]} nodes miss {short:.2g} of the light; "
+        "allowed: nodes close enough together that a factor between 0.5 and 2 puts that right"
+    )
+
+
+def _scaled(matrix: np.ndarray, sums: np.ndarray, cut: float) -> tuple[np.ndarray, np.ndarray]:
+    """The factors by Newton's method, and what is missing; directions weaker than `cut` of the strongest left out."""
     n = np.arange(sums.shape[1])
     d = np.ones(sums.shape)
-    missing = np.ones(1)
+    missing = sums - matrix.sum(1)
     for _ in range(30):
-        received = np.einsum("co,coi->ci", d, matrix)
-        missing = sums - received * d
-        if np.abs(missing).max() < 1e-13:
+        # A channel that is black needs nothing, and has no inverse.
+        left = np.abs(missing).max(axis=1) >= 1e-13
+        if not left.any():
             break
-        left = (
-            np.abs(missing).max(axis=1) >= 1e-13
-        )  # a channel that is black needs nothing, and has no inverse
         slope = np.swapaxes(matrix[left], 1, 2) * d[left, :, None]
-        slope[:, n, n] += received[left]
-        d[left] += np.linalg.solve(slope, missing[left][..., None])[..., 0]
-    if not (np.abs(missing).max() < 1e-9 and d.min() > 0.5 and d.max() < 2):
-        short = np.abs(sums - matrix.sum(1)).max()
-        raise UrushiError(
-            f"interface: its matrices on {len(n)} nodes miss {short:.2g} of the light; "
-            "allowed: nodes close enough together that a factor between 0.5 and 2 puts that right"
-        )
-    return d
+        slope[:, n, n] += np.einsum("co,coi->ci", d, matrix)[left]
+        try:
+            if cut:
+                step = np.linalg.pinv(slope, rcond=cut) @ missing[left][..., None]
+            else:
+                step = np.linalg.solve(slope, missing[left][..., None])
+        except np.linalg.LinAlgError:
+            break
+        d[left] += step[..., 0]
+        missing = sums - np.einsum("co,coi->ci", d, matrix) * d
+        if cut and np.abs(step).max() < 1e-3:
+            break
+    return d, missing
