@@ -64,10 +64,10 @@ class Lobes:
 
 
 class LobesHere:
-    """The lobes at a surface interaction."""
+    """The lobes at a surface interaction; `tabulated` if they are looked up."""
 
     def __init__(self, core: LobesCore) -> None:
-        self.stack = core.stack
+        self.stack, self.tabulated = core.stack, bool(core.tables)
         self.eval, self.pdf, self.sample, self.scale = core.eval, core.pdf, core.sample, core.scale
         self.albedo = lambda wi: core.flux(wi, True)
 

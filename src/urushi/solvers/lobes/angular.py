@@ -25,9 +25,10 @@ from .lobe import NARROWEST, Lobe
 
 if TYPE_CHECKING:
     from .core import Found, LobesCore
+    from .exit import Exit
 
 #: cells of the tables that are tried, the coarsest first
-CELLS = (128, 256, 512, 1024)
+CELLS = (112, 224, 448, 896)
 #: bytes that the tables of one side may take
 BYTES = 1 << 16
 #: errors allowed between rows: of energies; of roughnesses and gains, relative; of directions, in roughnesses
@@ -61,10 +62,14 @@ class Side:
 
     Attributes:
         table: all numbers, but for the shape of diffuse light.
+        exit: of this side, which has computed already what is the same for all lanes.
     """
 
-    def __init__(self, found: Found, parts: list[Part], even: dict[str, list[int]], table: Any) -> None:
+    def __init__(
+        self, found: Found, parts: list[Part], even: dict[str, list[int]], table: rows.Rows, exit: Exit
+    ) -> None:
         self._found, self._parts, self._even, self.table = found, parts, even, table
+        self.exit = exit
         #: how diffuse light leaves on this side: a number or colour of the type, and the table over the cosine of wo
         self._leaving: tuple[Array, rows.Rows] | None = None
 
@@ -84,7 +89,10 @@ class Side:
         }
         if found.first is not None:
             parts.append(columns.part(found.first, core.first_is_a_lobe(above)))
-        shape = core.exits[above].density(vector(columns.sin, number(0), z)) / z if even else None
+        exit, o, shape = core.exits[above], vector(columns.sin, number(0), z), None
+        if even:
+            shape = exit.density(o) / z
+            dr.eval(exit.weighed(found.diffuse, found, o, o))
         values = columns.values(shape)
         cells = columns.enough(values)
         if cells is None:
@@ -93,9 +101,8 @@ class Side:
         critical = None if limit is None else dr.opaque(number, limit)
         kept = {name: _empty(getattr(found, name)) for name in even}
         found = replace(found, lobes=[], **kept)
-        side = cls(
-            found, parts, even, rows.Rows([v[::every] for v in values[: columns.count]], number, critical)
-        )
+        table = rows.Rows([v[::every] for v in values[: columns.count]], number, critical)
+        side = cls(found, parts, even, table, exit)
         if shape is not None:
             last = [v[::every] for v in values[columns.count :]]
             side._leaving = _empty(shape), rows.Rows(last, number, critical)

@@ -94,7 +94,8 @@ class LobesCore:
         scattering = [medium for medium in stack.media if medium is not None and medium.scatters]
         #: whether light that is scattered forwards makes lobes of its own
         self.forward = not published and any(hasattr(medium.phase, "g") for medium in scattering)
-        self.exits = {side: Exit(self, side) for side in self.sides}
+        known = {side: table.exit for side, table in self.tables.items()}
+        self.exits = {side: known.get(side) or Exit(self, side) for side in self.sides}
 
     # --- what light does -------------------------------------------------------------------------------------------
 
