@@ -212,9 +212,9 @@ def test_a_sample_of_what_goes_back_and_forth_is_made_anew() -> None:
     alphas, widths = axes.squares(axes.ROUGHNESSES)[a], axes.squares(axes.WIDTHS)[w]
     cos = axes.cosines(eta, axes.ENTRIES)
     made = lobe_round_trips.round_trips(eta, alphas, widths, cos)
-    np.testing.assert_allclose(shipped[0, k][np.ix_(a, w)][..., :5], made, atol=2e-3)
+    np.testing.assert_allclose(shipped[0, k][np.ix_(a, w)][..., :7], made, atol=2e-3)
     counted = lobe_widths.too_wide(eta, alphas[:1], widths[:1], cos)
-    np.testing.assert_allclose(shipped[0, k, a[0], w[0], 8:, 5], counted[0, 0, 8:], rtol=0.15)
+    np.testing.assert_allclose(shipped[0, k, a[0], w[0], 8:, 7], counted[0, 0, 8:], rtol=0.15)
     with np.load(data / "sheets.npz") as file:
         shipped = file["sheets"] * tables.STEP
     eta = float(axes.ratios(axes.SHEETS)[5])
@@ -222,11 +222,35 @@ def test_a_sample_of_what_goes_back_and_forth_is_made_anew() -> None:
     np.testing.assert_allclose(shipped[5][np.ix_(w, w)], lobe_sheets.sheet(eta, widths, cos), atol=2e-3)
 
 
+def test_a_sample_of_what_layers_make_of_diffuse_light_is_made_anew() -> None:
+    sys.path.insert(0, str(TOOLS))
+    try:
+        import lobe_mixing
+    finally:
+        sys.path.pop(0)
+    from urushi.solvers.lobes import axes, tables
+
+    data = Path(tables.__file__).parent / "data"
+    with np.load(data / "mixing.npz") as file:
+        dielectric, metal = (file[name] * tables.STEP for name in ("dielectric", "metal"))
+    eta, alpha = float(axes.ratios()[4]), float(axes.squares(axes.ROUGHNESSES)[5])
+    np.testing.assert_allclose(dielectric[0, 4, 5], lobe_mixing.dielectric(eta, alpha), atol=1e-3)
+    np.testing.assert_allclose(dielectric[1, 4, 5], lobe_mixing.dielectric(1 / eta, alpha), atol=1e-3)
+    np.testing.assert_allclose(metal[5], lobe_mixing.metal(alpha), atol=1e-3)
+    g, albedo, depth = 9, 4, 8
+    made = lobe_mixing.slabs(range(g, g + 1), range(albedo, albedo + 1))
+    with np.load(data / "slabs.npz") as file:
+        for name, values in made.items():
+            np.testing.assert_allclose(
+                file[name][g, albedo, depth] * tables.STEP, values[0, 0, depth], atol=1e-3
+            )
+
+
 def test_tables_are_small() -> None:
     from urushi.solvers.lobes import tables
 
     folder = Path(tables.__file__).parent / "data"
-    assert 0 < sum(path.stat().st_size for path in folder.glob("*.npz")) < 2_500_000
+    assert 0 < sum(path.stat().st_size for path in folder.glob("*.npz")) < 3_000_000
 
 
 @pytest.mark.parametrize(("n", "even"), [(1.33, 0.06593), (1.4, 0.07681), (1.5, 0.09178), (2.0, 0.16060)])

@@ -14,8 +14,10 @@ from make_lobe_tables import FINE, along, lattice, lobe, spread_over
 
 #: samples for each cosine
 SAMPLES = 4181
-#: what the mirror is taken to reflect in the mean over the later visits: less than all, as real ones do
-KEPT = 0.85
+#: what is taken to be left from one later visit to the next, for two means over all later visits
+KEPT = (0.5, 0.9)
+#: the same, for the mean cosine of what comes back down
+KEPT_DOWN = 0.8
 
 
 def sent(cos: np.ndarray, alpha: float, eta: float, transmit: bool) -> np.ndarray:
@@ -56,7 +58,7 @@ def sent(cos: np.ndarray, alpha: float, eta: float, transmit: bool) -> np.ndarra
 
 
 def round_trips(eta: float, alphas: np.ndarray, widths: np.ndarray, cos: np.ndarray) -> np.ndarray:
-    """(A, W, N, 5): what happens to what entered through the interface, each time it comes back from below.
+    """(A, W, N, 7): what happens to what entered through the interface, each time it comes back from below.
 
     Args:
         eta: index below over index above.
@@ -64,8 +66,8 @@ def round_trips(eta: float, alphas: np.ndarray, widths: np.ndarray, cos: np.ndar
         cos: (N,) of the light that enters.
 
     Returns:
-        reflectance and transmittance at the first return, both in the mean over all later ones, and the mean cosine of
-        the light on its way back down.
+        reflectance and transmittance at the first return, both in the mean over all later ones if `KEPT` of the light
+        is left from one to the next, and the mean cosine of the light on its way back down.
     """
     from urushi.solvers.lobes import axes
 
@@ -74,7 +76,7 @@ def round_trips(eta: float, alphas: np.ndarray, widths: np.ndarray, cos: np.ndar
     for width in widths:
         o, weight = lobe(inside, float(width))
         mirrors.append(spread_over(along(o, 1 / eta), weight, FINE))
-    table = np.zeros((len(alphas), len(widths), len(cos), 5))
+    table = np.zeros((len(alphas), len(widths), len(cos), 7))
     for a, alpha in enumerate(alphas):
         entered = sent(cos, float(alpha), eta, True)
         energy = entered.sum(axis=1)
@@ -93,18 +95,20 @@ def round_trips(eta: float, alphas: np.ndarray, widths: np.ndarray, cos: np.ndar
                 np.where(r1[:, None] > 1e-7, down, up)
                 / np.maximum(np.where(r1 > 1e-7, r1, 1), 1e-12)[:, None]
             )
-            trip = KEPT * (back @ mirror)
-            visits = np.linalg.solve(np.eye(FINE) - trip.T, (down @ mirror).T).T
-            number = visits.sum(axis=1)
-            r2, t2 = (1 - 1 / number) / KEPT, visits @ t / number
-            all_down = down + KEPT * (visits @ back)
+            means = []
+            for kept in (*KEPT, KEPT_DOWN):
+                trip = kept * (back @ mirror)
+                visits = np.linalg.solve(np.eye(FINE) - trip.T, (down @ mirror).T).T
+                number = visits.sum(axis=1)
+                means += [(1 - 1 / number) / kept, visits @ t / number]
+            all_down = down + KEPT_DOWN * (visits @ back)
             c2 = all_down @ inside / all_down.sum(axis=1)
-            table[a, b] = np.stack([r1, t1, r2, t2, c2], axis=1)
+            table[a, b] = np.stack([r1, t1, *means[:4], c2], axis=1)
     return table
 
 
 def tables() -> np.ndarray:
-    """(2, INDICES, ROUGHNESSES, WIDTHS, ENTRIES, 6): `round_trips`, and `lobe_widths` from the thinner side."""
+    """(2, INDICES, ROUGHNESSES, WIDTHS, ENTRIES, 8): `round_trips`, and `lobe_widths` from the thinner side."""
     import lobe_widths
     from urushi.solvers.lobes import axes
 

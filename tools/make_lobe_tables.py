@@ -270,46 +270,6 @@ def hats(cos: np.ndarray) -> np.ndarray:
     return found
 
 
-def slabs() -> dict[str, np.ndarray]:
-    """Reflectance and scattered transmittance of Henyey-Greenstein slabs, from solutions of the transfer equation.
-
-    Returns:
-        "slab": (g, root of 1 - albedo, depth / (1 + depth), root of the cosine, 2); "even" without the cosine.
-    """
-    from urushi.solvers.adding.basis import Grid
-    from urushi.solvers.adding.media import Scattering, slab
-    from urushi.solvers.adding.phase import HenyeyGreenstein, resolved
-    from urushi.solvers.lobes import medium
-
-    grid = Grid.build([1.0], 40)
-    mu = np.sqrt(1 - grid.s**2)
-    weights = grid.etendue / mu
-    count = resolved(mu, weights)
-    u = np.linspace(0, 1, medium.DEPTHS)
-    depth = np.minimum(u / np.maximum(1 - u, 1e-12), 1e5)
-    albedo = 1 - np.linspace(0, 1, medium.ALBEDOS) ** 2
-    cos = np.maximum(np.linspace(0, 1, medium.COSINES) ** 2, 1e-3)
-    order = np.argsort(mu)
-    shape = (medium.GS, medium.ALBEDOS, medium.DEPTHS)
-    found, even = np.zeros((*shape, medium.COSINES, 2)), np.zeros((*shape, 2))
-    for i, g in enumerate(np.linspace(*medium.MEAN_COSINES, medium.GS)):
-        phase = HenyeyGreenstein(g)
-        # A sharp peak is taken as light that goes straight on (delta-M), and counted as scattered below.
-        share = float(max(g, 0) ** count)
-        moments = (phase.moments(count) - share) / (1 - share)
-        scattering = Scattering.build(mu, weights, moments, range(1))
-        for j, a in enumerate(albedo):
-            for k, tau in enumerate(depth):
-                scaled = np.array([tau * (1 - a * share)])
-                solved = slab(scattering, scaled, np.array([a * (1 - share) / (1 - a * share)]))
-                r, t = (op.albedo()[0] for op in (solved.r_top, solved.t_down))
-                for c, values in enumerate((r, t - np.exp(-tau / mu))):
-                    found[i, j, k, :, c] = np.interp(cos, mu[order], values[order])
-                    even[i, j, k, c] = 2 * (grid.etendue @ values)
-        print("slab", g, flush=True)
-    return {"slab": found, "even": even}
-
-
 def fixed_point(table: np.ndarray) -> np.ndarray:
     """Sixteen bits with a step of 2^-14, for values in [-2, 2)."""
     assert np.abs(table).max() < 2
@@ -321,13 +281,15 @@ def main() -> None:
     ensure()
     import lobe_exits
     import lobe_matte
+    import lobe_mixing
     import lobe_round_trips
     import lobe_sheets
     from urushi.solvers.lobes import tables
 
     OUT.mkdir(exist_ok=True)
-    low = {name: fixed_point(table) for name, table in slabs().items()}
-    np.savez_compressed(OUT / "slabs.npz", **low)
+    for name, made in (("slabs", lobe_mixing.slabs()), ("mixing", lobe_mixing.tables())):
+        low = {key: fixed_point(table) for key, table in made.items()}
+        np.savez_compressed(OUT / f"{name}.npz", **low)
     low = centres() | {"anisotropic": anisotropic()}
     np.savez_compressed(OUT / "lobes.npz", **{name: fixed_point(table) for name, table in low.items()})
     np.savez_compressed(OUT / "round_trips.npz", round_trips=fixed_point(lobe_round_trips.tables()))

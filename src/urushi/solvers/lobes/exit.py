@@ -147,7 +147,7 @@ class Exit:
             if medium is not None:
                 if medium.scatters:
                     break
-                passed = passed * Particles(medium, False).passed(cos)[0]
+                passed = passed * Particles(medium, False).passed(cos)
         return passed
 
 

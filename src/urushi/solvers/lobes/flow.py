@@ -3,46 +3,63 @@
 What a layer does to both is a triangular matrix: a beam stays one or becomes diffuse, and nothing becomes a beam
 again. Products and the series of bounces of such matrices (theory (lobes.9, lobes.10)) are what the adding equations
 (`urushi.adding`) need.
+
+Diffuse light is a number where it is even, and three where media scatter it (`moments`).
 """
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 from ...adding import Algebra
 from ...optics.vectors import Array
+from .moments import Mixing, Moments, energy, inverse
 
 
 class Flow(NamedTuple):
-    """What becomes of light: beam to beam, beam to diffuse, diffuse to diffuse; colours or numbers."""
+    """What becomes of light: beam to beam, beam to diffuse, diffuse to diffuse.
+
+    The first is a colour or a number; so are the others, or they are `Moments` and a `Mixing`.
+    """
 
     beam: Array
-    scattered: Array
-    diffuse: Array
+    scattered: Any
+    diffuse: Any
 
     def __add__(self, other: Flow) -> Flow:  # type: ignore[override]
         return Flow(*(_plus(a, b) for a, b in zip(self, other, strict=True)))
+
+    @property
+    def spread(self) -> Array:
+        """Energy of the diffuse light that a beam becomes."""
+        return energy(self.scattered)
 
 
 #: nothing
 NONE = Flow(0.0, 0.0, 0.0)
 #: all of it, unchanged
 ALL = Flow(1.0, 0.0, 1.0)
+#: the light that everything begins with
+BEAM = Flow(1.0, 0.0, 0.0)
 
 
-def _is(value: Array, number: float) -> bool:
+def _is(value: Any, number: float) -> bool:
     return isinstance(value, float) and value == number
 
 
-def _plus(a: Array, b: Array) -> Array:
+def _plus(a: Any, b: Any) -> Any:
     return b if _is(a, 0) else a if _is(b, 0) else a + b
 
 
-def _times(a: Array, b: Array) -> Array:
+def _times(a: Any, b: Any) -> Any:
     """The product, which costs nothing where a factor is known to be 0 or 1."""
     if _is(a, 0) or _is(b, 0):
         return 0.0
-    return b if _is(a, 1) else a if _is(b, 1) else a * b
+    if _is(b, 1):
+        return a
+    if _is(a, 1):
+        return b
+    return b * a if isinstance(b, (Moments, Mixing)) and not isinstance(a, Mixing) else a * b
 
 
 def times(a: Flow, b: Flow) -> Flow:
@@ -58,11 +75,13 @@ def bounce(a: Flow, b: Flow, x: Flow) -> Flow:
     """(1 - a b)^-1 x."""
     loop = times(a, b)
     beam, diffuse = (_series(value) for value in (loop.beam, loop.diffuse))
-    series = Flow(beam, _times(_times(beam, loop.scattered), diffuse), diffuse)
+    series = Flow(beam, _times(diffuse, _times(loop.scattered, beam)), diffuse)
     return times(series, x)
 
 
-def _series(loop: Array) -> Array:
+def _series(loop: Any) -> Any:
+    if isinstance(loop, Mixing):
+        return inverse(loop)
     return 1.0 if _is(loop, 0) else 1 / (1 - loop)
 
 

@@ -72,7 +72,7 @@ class Tally:
         """
         beam, even = (1 / at_least(value, 1e-9) - 1 for value in unshadowed)
         self.shadowed[number] = sum(
-            (r.beam + r.scattered) * down.beam * beam + r.diffuse * down.scattered * even
+            (r.beam + r.spread) * down.beam * beam + times(r._replace(scattered=0.0), down).spread * even
             for (r, _), down in passes
         )
 
@@ -89,7 +89,7 @@ class Tally:
 
 def energy(light: Flow) -> Array:
     """All of what has become of a beam."""
-    return light.beam + light.scattered
+    return light.beam + light.spread
 
 
 def followed(bsdf: LobesBSDF, wi: np.ndarray, with_error: bool) -> Ledger:

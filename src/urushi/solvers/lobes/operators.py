@@ -22,11 +22,16 @@ from ...interfaces import BoundConductor, BoundDielectric, BoundDiffuse, Interfa
 from ...interfaces.base import Frame
 from ...optics.fresnel import fresnel_conductor, fresnel_dielectric
 from ...optics.vectors import Array, Vector, at_least, negate, root
-from . import tables
+from . import mixing, tables
 from .matte import Matte
+from .moments import EVEN, Mixing, Moments
 from .settled import settled
 from .width import OURS, Scale, Width, mean_roughness, of_interface
 
+#: (reflectance, transmittance)
+Pair = tuple[Array, Array]
+#: what is left of light from one visit to the next in the means of `tables.round_trip`
+KEPT = (0.5, 0.9)
 #: lowest cosine of a mean direction: widths are in proportion to its inverse
 GRAZING = 1e-3
 
@@ -39,10 +44,13 @@ class Boundary:
         above: the side that the light comes from.
         wi: direction of the light outside, whose azimuth decides what roughness an anisotropic interface shows.
         scale: of widths.
+        mixes: whether diffuse light is told by its moments, as it is where a medium scatters.
     """
 
-    def __init__(self, interface: Interface, above: bool, wi: Vector, scale: Scale = OURS) -> None:
-        self.interface, self.wi, self.scale = interface, wi, scale
+    def __init__(
+        self, interface: Interface, above: bool, wi: Vector, scale: Scale = OURS, mixes: bool = False
+    ) -> None:
+        self.interface, self.wi, self.scale, self.mixes = interface, wi, scale, mixes
         self.full = interface.single is not None
         self.inner: Any = interface.single if self.full else interface
         self.opaque, self.above = interface.opaque, above
@@ -71,7 +79,7 @@ class Boundary:
     @property
     def turned(self) -> Boundary:
         """The same interface for light from its other side."""
-        return Boundary(self.interface, not self.above, self.wi, self.scale)
+        return Boundary(self.interface, not self.above, self.wi, self.scale, self.mixes)
 
     def width(self, scale: Array) -> Width:
         """The width that facets of `scale` times its roughness add."""
@@ -115,23 +123,25 @@ class Boundary:
         """The width that crossing from the cosine `cos` to `beyond` adds."""
         return self.width(0.5 * dr.abs(1 - cos / (self.eta * at_least(beyond, GRAZING))))
 
-    def round_trip(
-        self, cos: Array, width: Array
-    ) -> tuple[tuple[Array, Array], tuple[Array, Array], Array, Array]:
+    def round_trip(self, cos: Array, width: Array, kept: Array) -> tuple[Pair, Pair, Array, Array]:
         """What happens to light that entered here under the cosine `cos`, when it comes back from below.
 
         Args:
             width: roughness of the lobe that it then is.
+            kept: what is left of light from one later visit to the next.
 
         Returns:
             (reflectance, transmittance) the first time, and in the mean over all later times; the mean cosine of what
             is sent back down; and the roughness of what gets out in terms of what derivatives say.
         """
-        r, t, later_r, later_t, down, narrower = tables.round_trip(cos, self.eta, self.alpha, width)
-        first, later = (r, t), (later_r, later_t)
-        if self.full:
-            first, later = tables.complete(*first), tables.complete(*later)
-        return first, later, down, narrower
+        r, t, *means, down, narrower = tables.round_trip(cos, self.eta, self.alpha, width)
+        # The more is left, the more of what is trapped is still there at late visits.
+        low, high, at = (_lasting(x) for x in (*KEPT, kept))
+        share = (at - low) / (high - low)
+        later = [at_least(a + share * (b - a), 0) for a, b in zip(means[:2], means[2:], strict=True)]
+        pairs = (r, t), (later[0], later[1])
+        first, rest = (tables.complete(*pair) for pair in pairs) if self.full else pairs
+        return first, rest, down, narrower
 
     def sheet(self, cos: Array, other: Boundary) -> list[tuple[Array, Array]]:
         """(Reflectance, transmittance) in a sheet of glass that light enters here and that ends at the other interface:
@@ -185,10 +195,12 @@ class Boundary:
         """How much of a lobe of roughness `alpha` is not totally reflected, were all smooth."""
         return tables.escaping(cos, self.eta, alpha)
 
-    def even(self, like: Array) -> tuple[Array, Array]:
-        """Reflectance and transmittance of diffuse light."""
+    def even(self, like: Array) -> tuple[Any, Any]:
+        """Reflectance and transmittance of diffuse light, which is even unless it `mixes`."""
         if isinstance(self.inner, Null):
             return 0.0, 1.0
+        if self.mixes:
+            return self._mixing(like)
         if self.matte is not None:
             return self.matte.even(like), 0.0
         if isinstance(self.inner, BoundDiffuse):
@@ -202,6 +214,16 @@ class Boundary:
             return r, 1 - r
         r, t = tables.dielectric_diffuse(kind, self.eta, self.alpha, like)
         return tables.complete(r, t) if self.full else (r, t)
+
+    def _mixing(self, like: Array) -> tuple[Any, Any]:
+        kind, inner = self._kind(), self.inner
+        if self.matte is not None:
+            return Mixing.evened(self.matte.even(like)), 0.0
+        if isinstance(inner, BoundDiffuse):
+            return Mixing.evened(inner.reflectance + 0 * like), 0.0
+        if isinstance(inner, BoundConductor):
+            return mixing.metal(kind, inner.eta, inner.k, self.alpha, self.full, like), 0.0
+        return mixing.dielectric(kind, self.eta, self.alpha, self.full or self.smooth, like)
 
     def unshadowed(self, cos: Array, width: Array | None) -> tuple[Array, Array]:
         """What facets that reflect everything would send out, of a lobe and of diffuse light; 1 where none is lost."""
@@ -220,11 +242,12 @@ class Boundary:
         """Whether a beam becomes diffuse here."""
         return isinstance(self.inner, (BoundDiffuse, RoughDiffuse))
 
-    def diffused(self, cos: Array) -> Array:
+    def diffused(self, cos: Array) -> Any:
         """How much of a beam becomes diffuse light that is sent back."""
-        if self.matte is not None:
-            return self.matte.albedo(cos)
-        return self.inner.reflectance if self.scatters() else 0.0
+        if not self.scatters():
+            return 0.0
+        found = self.matte.albedo(cos) if self.matte is not None else self.inner.reflectance
+        return Moments(*EVEN) * found if self.mixes else found
 
     def still(self) -> Any:
         """Mask of the lanes where it is smooth: a beam stays a direction."""
@@ -232,6 +255,11 @@ class Boundary:
 
     def rough(self) -> Any:
         return negate(self.still())
+
+
+def _lasting(kept: Array) -> Array:
+    """What means over visits are nearly linear in."""
+    return 1 / (1 - 0.7 * kept)
 
 
 def supports(interface: Interface) -> bool:

@@ -20,10 +20,10 @@ from typing import Any
 import drjit as dr
 
 from ...interfaces import BoundDielectric
-from ...optics.vectors import Array, Vector, at_least, channels, total
+from ...optics.vectors import Array, Vector, at_least, at_most, channels, total
 from ..bound import BoundStack
 from . import matte
-from .flow import ALL, Flow, bounce, times
+from .flow import BEAM, Flow, bounce, times
 from .medium import Particles
 from .operators import GRAZING, Boundary
 from .returns import Step, from_below, meet
@@ -83,17 +83,19 @@ def respond(stack: BoundStack, wi: Vector, above: bool, scatters: bool = True, t
     """
     order = range(len(stack.interfaces)) if above else range(len(stack.interfaces) - 1, -1, -1)
     refracting = _refracting(stack, order)
+    mixes = scatters and any(medium is not None and medium.scatters for medium in stack.media)
     cos = at_least(dr.abs(wi.z), GRAZING)
     spread = Spread()
     steps: list[Step] = []
-    arriving, sharp, width = ALL, True, None
+    arriving, sharp, width = BEAM, True, None
     spread_above: Width | None = None
     reflected: list[Beam] = []
     diffuse: Array = 0.0
     straight = beyond_cos = cos
     turn: Array = 0.0
+    lobed: Array = 1.0
     for k in order:
-        boundary = Boundary(stack.interfaces[k], above, wi)
+        boundary = Boundary(stack.interfaces[k], above, wi, mixes=mixes)
         # --- reflection: the lobe of this interface
         r, t = boundary.beam(cos, width)
         even_r, even_t = boundary.even(cos)
@@ -115,13 +117,15 @@ def respond(stack: BoundStack, wi: Vector, above: bool, scatters: bool = True, t
         again = times(later_r, more)
         sent = times(up.t_up, first) + times(later.t_up, again)
         sharp = _both(sharp, boundary.still())
+        rest = sent.spread
         if not _zero(sent.beam):
             # Light that goes back and forth before it gets out is what came under the steepest angles; it does not make
             # the middle of the lobe any wider, as the mean number of trips would have it.
             out = met.above.width
             out = spread.lobe(boundary.reflected, 0.0) if out is None else out
-            reflected.append(Beam(sent.beam, out, cos, sharp, k))
-        diffuse = _sum(diffuse, sent.scattered)
+            beam, rest = _lobe(sent, dr.square(lobed))
+            reflected.append(Beam(beam, out, cos, sharp, k))
+        diffuse = _sum(diffuse, rest)
         if tally is not None:
             passes = (met.first, arriving), (met.later, more)
             tally.met(k, step, passes, (met.above.slabs, first), (met.above_later.slabs, again))
@@ -155,26 +159,39 @@ def respond(stack: BoundStack, wi: Vector, above: bool, scatters: bool = True, t
         # --- the medium beyond
         medium = stack.media[k + 1] if above else stack.media[k]
         if medium is not None:
-            particles = Particles(medium, scatters)
+            particles = Particles(medium, scatters, mixes)
             medium_r, medium_t = particles.layer(cos)
             over = from_below(steps, cos, None)
             down = bounce(over.whole.r_bottom, medium_r, arriving)
             sent = times(over.whole.t_up, times(medium_r, down))
-            diffuse = _sum(diffuse, sent.scattered)
+            diffuse = _sum(diffuse, sent.spread)
             step = Step(particles, cos, None, medium_r, medium_t)
             if tally is not None:
                 passing = (((medium_r, medium_t), down),)
                 tally.met(k + 1 if above else k, step, passing, (over.slabs, times(medium_r, down)))
             arriving = times(medium_t, down)
             steps.append(step)
-            _, spread_by = particles.passed(cos)
             if particles.scatters:
+                more, spread_by = particles.widened(cos)
+                lobed = lobed * more
                 spread.cross(0.0, spread_by, spread_by, 1.0, 0.0, 0.0, 1.0)
                 sharp = False if scatters else sharp
         spread_above = None if _is_true(sharp) else spread.down
         width = None if spread_above is None else mean_roughness(spread_above)
-    through = Beam(arriving.beam, spread.down, beyond_cos, sharp, len(stack.interfaces), turn)
-    return Answer(reflected, through, diffuse, arriving.scattered)
+    beam, rest = _lobe(arriving, lobed)
+    through = Beam(beam, spread.down, beyond_cos, sharp, len(stack.interfaces), turn)
+    return Answer(reflected, through, diffuse, rest)
+
+
+def _lobe(light: Flow, factor: Array) -> tuple[Array, Array]:
+    """Energy of what leaves as a lobe, and of what is diffuse.
+
+    Light that was scattered forwards is followed as diffuse, but for a part (`medium`); more of it looks like a lobe.
+    """
+    if _zero(light.scattered) or _zero(light.beam):
+        return light.beam, light.spread
+    moved = at_most(light.beam * (factor - 1), at_least(light.spread, 0))
+    return light.beam + moved, light.spread - moved
 
 
 def _refracting(stack: BoundStack, order: range) -> list[int]:

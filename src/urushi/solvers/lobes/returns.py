@@ -14,15 +14,15 @@ import drjit as dr
 
 from ...adding import Slab, add
 from ...interfaces import BoundDielectric, Null
-from ...optics.vectors import Array, at_least, channels, total
+from ...optics.vectors import Array, at_least, at_most, channels, total
 from . import tables
 from .flow import ALL, FLOWS, NONE, Flow
 from .medium import Particles
-from .operators import GRAZING, Boundary
+from .operators import GRAZING, Boundary, Pair
 from .width import OURS, Width, capped, mean_roughness, plus
 
-#: (reflectance, transmittance)
-Pair = tuple[Array, Array]
+#: what is left from one visit to the next of light trapped between clear interfaces
+TRAPPED = 0.9
 
 
 @dataclass
@@ -104,13 +104,14 @@ def meet(steps: list[Step], step: Step, returning: Array, width: Width | None, l
             sheet, share = upper.sheet(entered, boundary), _like_a_sheet(upper, boundary)
             first = _flows(step, _mixed(sheet[0], (step.r.beam, step.t.beam), share))
             back, back_later = _mixed(sheet[2], back, share), (sheet[3], share)
+    kept = TRAPPED if clear else _mean(step.r.beam)
     above = from_below(steps, returning, boundary.reflected, None, back and (back, 1.0))
-    above_later = from_below(steps, returning, boundary.reflected, above.nearest, back_later)
+    above_later = from_below(steps, returning, boundary.reflected, above.nearest, back_later, kept)
     assert above.steep is not None
     pair = boundary.beam(above.steep, alpha)
     if clear:
         beyond = at_least(boundary.refracted(step.cos), GRAZING)
-        _, trapped, _, _ = boundary.turned.round_trip(beyond, mean_roughness(upper.reflected))
+        _, trapped, _, _ = boundary.turned.round_trip(beyond, mean_roughness(upper.reflected), TRAPPED)
         r, t = (dr.select(boundary.eta < 1, a, b) for a, b in zip(trapped, pair, strict=True))
         pair = _mixed(sheet[1], (r, t), share) if sheet else (r, t)
     return Meeting(first, _flows(step, pair), above, above_later)
@@ -122,6 +123,7 @@ def from_below(
     width: Width | None,
     again: Array | None = None,
     known: tuple[Pair, Array] | None = None,
+    kept: Array = TRAPPED,
 ) -> Above:
     """The layers gone through so far, for the light that went through them and is sent back.
 
@@ -131,6 +133,7 @@ def from_below(
         again: None, or for light that was reflected already and now comes back: how much of it by the nearest
             interface. What was reflected further up gets through the nearest as ever, and is reflected more up there.
         known: of the nearest interface, what is known better than here, and the share that this has.
+        kept: what the layer below leaves of light that comes to it again.
     """
     slabs: list[Slab] = []
     first: Array | None = None
@@ -139,16 +142,19 @@ def from_below(
     out = width
     whole_sent: Array = 0.0
     passing: Array = 1.0
+    media: Array = 1.0
+    slanted: list[tuple[int, Step, Array]] = []
     for step in reversed(steps):
         if isinstance(step.layer, Particles):
-            # What gets out in the end is nearer to the middle of the lobe than all of it in the mean.
-            inside = cos if width is None else 0.5 * (cos + tables.mean(cos, mean_roughness(width)))
-            r, t = step.layer.layer(inside)
+            r, t = step.layer.layer(cos)
+            middle = cos if width is None else tables.mean(cos, mean_roughness(width))
+            slanted.append((len(slabs), step, middle))
             slabs.append(Slab(step.r, step.t, r, t))
-            passing = passing * _mean(t.beam)
+            through = _mean(step.layer.passed(middle))
+            passing, media = passing * through, media * through
             if width is not None:
-                by = 2 * step.layer.passed(cos)[1]
-                width, out = plus(width, by), plus(out, by)
+                by = 2 * step.layer.widened(cos)[1]
+                out = plus(out, by)
             continue
         boundary, turned = step.layer, step.layer.turned
         if isinstance(boundary.inner, Null):
@@ -160,7 +166,7 @@ def from_below(
             below = at_least(boundary.refracted(step.cos), GRAZING)
             factor = OURS.factor(boundary.eta * below / step.cos)
             wide = mean_roughness(width if step.width is None else plus(step.width * (1 / factor), width))
-            (r, t), later, down, narrower = boundary.round_trip(step.cos, wide)
+            (r, t), later, down, narrower = boundary.round_trip(step.cos, wide, kept * dr.square(media))
             down_by, up_by = boundary.transmitted(step.cos, below), turned.transmitted(below, step.cos)
             out = capped(plus(plus(out, down_by) * factor, up_by)) * OURS.factor(narrower)
             # What is totally reflected was the outside of the lobe: the rest is narrower, by medians of GGX.
@@ -173,6 +179,9 @@ def from_below(
             if lower is not None:
                 k, under = lower
                 slabs[k] = _steeper(slabs[k], under, down, wide)
+            for k, under, middle in slanted:
+                slabs[k] = _slanted(under, middle, down, r / (r + t))
+            slanted = []
             lower, steep = (len(slabs), step), down if steep is None else steep
         sent = passing * passing * r
         first = sent if first is None else first
@@ -185,6 +194,27 @@ def from_below(
         whole = add(whole, slab, FLOWS) if n else slab
     nearest = 1.0 if first is None else first / at_least(whole_sent + 0 * cos, 1e-12)
     return Above(whole, slabs, nearest, steep, out)
+
+
+def _slanted(step: Step, middle: Array, down: Array, back: Array) -> Slab:
+    """A medium below an interface, from below: what gets out went through it at less of a slant than what comes back.
+
+    Args:
+        middle: mean cosine of what is sent up.
+        down: of what the interface sends back down, which went up at the same slant.
+        back: how much of what comes to the interface that is.
+    """
+    particles = step.layer
+    assert isinstance(particles, Particles)
+    down = at_least(at_most(down, middle), GRAZING)
+    out = at_most((middle - back * down) / at_least(1 - back, 0.05), 1.0)
+    r_top, t_down = particles.layer(down)
+    r_bottom, t_up = particles.layer(out)
+    beam = dr.square(t_down.beam) / at_least(t_up.beam, 1e-12)
+    more = (1 - beam) / at_least(1 - t_down.beam, 1e-6)
+    if particles.scatters:
+        r_top, t_down = (flow._replace(scattered=flow.scattered * more) for flow in (r_top, t_down))
+    return Slab(r_top, t_down._replace(beam=beam), r_bottom, t_up)
 
 
 def _steeper(slab: Slab, step: Step, cos: Array, alpha: Array) -> Slab:

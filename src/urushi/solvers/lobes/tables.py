@@ -90,8 +90,9 @@ def round_trip(cos: Array, eta: Array, alpha: Array, width: Array) -> list[Array
         width: roughness of a mirror that would send the light back as wide as it is.
 
     Returns:
-        reflectance and transmittance the first time, both in the mean over all later times, the mean cosine of the
-        light on its way back down, and the roughness of what gets out in terms of what derivatives say it is.
+        reflectance and transmittance the first time, both in the mean over all later times if half of the light is left
+        from one to the next, and if nine tenths are, the mean cosine of the light on its way back down, and the
+        roughness of what gets out in terms of what derivatives say it is.
     """
     return _interface((("round_trips",), "round_trips"), cos, eta, alpha, width)
 
