@@ -47,6 +47,8 @@ class Interface(ABC):
     stochastic: bool = False
     #: whether its normal is not that of the surface (`tilted.Tilted`)
     tilted: bool = False
+    #: its roughness, along one axis or two, where that is known in Python
+    known_alpha: tuple[float, ...] | None = None
     #: the same boundary without what its facets send to one another, if this adds it as a lobe
     single: Any = None
 

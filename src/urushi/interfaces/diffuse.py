@@ -46,7 +46,7 @@ class BoundDiffuse(Interface):
         part: Part = "both",
         rng: Generator | None = None,
     ) -> Scatter:
-        o = cosine_hemisphere(u[1], u[2], w)
+        o = cosine_hemisphere(u[2], u[1], w)  # azimuth by the first, as facets have it
         return Scatter(o, self.reflectance + 0 * w.x, o.z * dr.inv_pi, False)
 
     def smooth_energy(self, cos: Array, above: bool) -> tuple[Array, Array]:

@@ -48,6 +48,13 @@ class Given:
         known = self.known(key)
         return known is not None and max(known if isinstance(known, tuple) else (known,)) == 0
 
+    def known_alpha(self) -> tuple[float, ...] | None:
+        """The roughness, along one axis or two, if it is known and no normal map adds to it."""
+        known = self.known("alpha")
+        if known is None or f"{self.name}.slope_variance" in self.values:
+            return None
+        return tuple(known) if isinstance(known, (tuple, list)) else (known,)
+
     def widened(self) -> tuple[Array, Array, Array] | None:
         """Roughness along two axes and the angle of the first, with what a normal map adds to it.
 

@@ -93,6 +93,7 @@ def bind(stack: Any, values: Mapping[str, Array], fixed: Mapping[str, Any]) -> B
         given = Given(layer, f"layer_{i}", values, fixed, indices[-1], known_index[-1])
         if layer.kind not in MEDIA:
             interface, index, known = INTERFACES[key(layer)].bind(given)
+            interface.known_alpha = given.known_alpha()
             normal = values.get(f"layer_{i}.normal")
             if normal is not None and not isinstance(interface, Null):
                 first = all(isinstance(other, Null) for other in interfaces)

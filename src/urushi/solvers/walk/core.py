@@ -14,6 +14,7 @@ from ..bound import BoundStack
 from ..direct import direct, direct_is_certain
 from .proposal import propose
 from .sharp import follow
+from .stages import may_stage
 from .trace import trace
 from .walk import estimate
 
@@ -27,12 +28,14 @@ class WalkCore:
         spectrum: type of a colour, or of a number where nothing in the stack is coloured.
         radiance: scale transmitted light as radiance (n_wi / n_wo)^2; False for importance (flux).
         max_depth: most scattering events inside; None for no limit.
+        alike: whether the numbers of the stack are the same for all evaluations.
     """
 
     stack: BoundStack
     spectrum: Any
     radiance: bool = True
     max_depth: int | None = None
+    alike: bool = False
 
     def scale(self, wi: Vector, wo: Vector) -> Array:
         """The factor of radiance: (n_wi / n_wo)^2 where wi and wo lie on different sides, else 1."""
@@ -64,12 +67,12 @@ class WalkCore:
         if len(self.stack.interfaces) == 1 and direct_is_certain(self.stack):
             return self.spectrum(0) + 0 * wi.x, self.spectrum(0) + 0 * wi.x
 
-        def one(i: Array) -> Array:
+        def one(i: Array, staged: bool = False) -> Array:
             rng = generator(wi, [*wi, *wo, *key], seed, i)
-            return estimate(self.stack, wi, wo, rng, self.spectrum, self.max_depth)
+            return estimate(self.stack, wi, wo, rng, self.spectrum, self.max_depth, staged)
 
         if isinstance(count, int) and count == 1:
-            value = one(first)
+            value = one(first, self.alike and self.stack.still is None and may_stage(wi, wo))
             return value, dr.square(value)
         return self._average(wi, one, first, count, 1)
 

@@ -65,6 +65,21 @@ class Exit:
         across = self.across[region]
         return value * self.weight if across is None else value * (self.weight * across)
 
+    def numbers(self) -> tuple[Any, ...]:
+        """What differs from lane to lane, but for what follows from it."""
+        return self.c, self.weight, self.pdf, self.jacobian, self.region
+
+    def moved(
+        self, stack: BoundStack, c: Vector, weight: Array, pdf: Array, jacobian: Array, region: Any
+    ) -> Exit:
+        """The same with other `numbers`."""
+        end = Exit(c, weight, pdf, jacobian, region, self.places)
+        end.inv_cos = inverse_cosine(end.c.z)
+        for region in stack.regions:
+            medium = stack.media[region]
+            end.across[region] = None if medium is None else medium.transmittance(1.0, end.inv_cos)
+        return end
+
 
 def flux_back(stack: BoundStack, wo: Vector, inside: Vector, above: bool) -> Array:
     """The factor from the flux density wo -> inside to that of inside -> wo (Helmholtz reciprocity)."""
@@ -93,11 +108,7 @@ def sample_exit(stack: BoundStack, wo: Vector, rng: Generator, spectrum: Any) ->
     ahead = stack.interfaces if not stack.opaque else stack.interfaces[1:]
     if any(interface.delta is not False for interface in ahead):
         found = _follow(stack, found, rng, spectrum)
-    found.inv_cos = inverse_cosine(found.c.z)
-    for r in stack.regions:
-        medium = stack.media[r]
-        found.across[r] = None if medium is None else medium.transmittance(1.0, found.inv_cos)
-    return found
+    return found.moved(stack, *found.numbers())
 
 
 def _uint(w: Vector) -> Any:

@@ -278,7 +278,8 @@ class WalkBSDF(BSDF):
             numbers.values = {name: _gathered(value, lanes) for name, value in numbers.values.items()}
         spectrum = vector_type(module, self.double) if numbers.coloured else number_type(module, self.double)
         stack = bind_live(self.stack, numbers.values, numbers.fixed)
-        core = WalkCore(stack, spectrum, radiance=self.mode == "radiance", max_depth=self.max_depth)
+        alike = numbers.lanes == 1 and lanes is None
+        core = WalkCore(stack, spectrum, self.mode == "radiance", self.max_depth, alike)
         if lanes is None:
             self._cores[module.__name__] = core, numbers.lanes
         return core, numbers.lanes

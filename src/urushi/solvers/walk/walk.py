@@ -31,6 +31,7 @@ from ..bound import CALM, BoundStack
 from ..direct import direct, direct_is_certain
 from .derivative import MOST_SWEEPS, relative, run
 from .exit import DELTA, Exit, flux_back, sample_exit
+from .stages import in_stages
 
 State = dict[str, Any]
 
@@ -38,10 +39,18 @@ State = dict[str, Any]
 ROULETTE = 0.37
 #: the same where a medium scatters: there every flight counts all collisions on its way, so paths may end sooner
 ROULETTE_SCATTERING = 0.7
+#: roughness from which on connecting to a base is as good as it gets, and arriving only adds noise
+BROAD = 0.15
 
 
 def estimate(
-    stack: BoundStack, wi: Vector, wo: Vector, rng: Generator, spectrum: Any, max_depth: int | None = None
+    stack: BoundStack,
+    wi: Vector,
+    wo: Vector,
+    rng: Generator,
+    spectrum: Any,
+    max_depth: int | None = None,
+    staged: bool = False,
 ) -> Array:
     """One sample of the flux density f |cos wo| of all light but what `direct` can tell for certain.
 
@@ -51,6 +60,7 @@ def estimate(
         rng: a generator per lane.
         spectrum: type of a colour, or of a number where nothing in the stack is coloured.
         max_depth: most scattering events inside; None for no limit.
+        staged: whether to pack paths on the way (`stages`); the numbers of the stack must be the same for all lanes.
     """
     seen = spectrum(0) if direct_is_certain(stack) else spectrum(0 + direct(stack, wi, wo, rng))
     if len(stack.interfaces) == 1:
@@ -60,13 +70,13 @@ def estimate(
     state["light"] = spectrum(state["light"] + seen)
     threshold = _roulette_threshold(stack)
 
-    def body(stack: BoundStack, s: State, way_out: Exit = way_out) -> State:
+    def body(stack: BoundStack, s: State, wo: Vector = wo, way_out: Exit = way_out) -> State:
         s["calm"] = True if stack.traps else None
         for region in stack.regions:
             _advance(stack, s, wo, way_out, region, down=True)
         for region in reversed(stack.regions):
             _advance(stack, s, wo, way_out, region, down=False)
-        _roulette(s, wi, threshold, max_depth, stack.still is not None)
+        _roulette(s, s["d"], threshold, max_depth, stack.still is not None)
         if s["turn"] is not None:
             s["turn"] = s["turn"] + 1
             s["throughput"] = dr.select(s["turn"] < MOST_SWEEPS, s["throughput"], 0)
@@ -74,13 +84,20 @@ def estimate(
         s["throughput"], s["light"] = spectrum(s["throughput"]), spectrum(s["light"])
         return s
 
+    if staged and _lingers(stack):
+        ends = (wo, *way_out.numbers())
+        if state["pdf"] is None:  # nobody asks for wo, nor for densities
+            ends = (None, way_out.c, way_out.weight, None, None, way_out.region)
+        return in_stages(
+            state, ends, _carries, lambda s, e: body(stack, s, e[0], way_out.moved(stack, *e[1:]))
+        )
     state, rest = run(stack, state, _carries, body, "walk")
     if rest is None:
         return state["light"]
     assert stack.still is not None
     frozen = dr.detach(way_out)
     rest["light"] = 0 * rest["light"]
-    rest, _ = run(stack.still, rest, _carries, lambda stack, s: body(stack, s, frozen), "walk on")
+    rest, _ = run(stack.still, rest, _carries, lambda stack, s: body(stack, s, way_out=frozen), "walk on")
     return state["light"] + rest["light"] * relative(state["throughput"])
 
 
@@ -89,10 +106,20 @@ def _carries(s: State) -> Any:
 
 
 def _connects_only(stack: BoundStack) -> bool:
-    """True if every vertex inside is flat."""
+    """True if every vertex inside is broad: flat, or the rough base of a coat no rougher than itself."""
     vertices: list[Any] = stack.interfaces[1:] if stack.opaque else list(stack.interfaces)
+    if stack.opaque and len(vertices) == 1:
+        coat, base = (interface.known_alpha for interface in stack.interfaces)
+        if coat is not None and base is not None and min(base) >= max(BROAD, *coat):
+            vertices = []
     vertices += [medium.phase for medium in stack.media if medium is not None and medium.scatters]
     return all(vertex.flat for vertex in vertices)
+
+
+def _lingers(stack: BoundStack) -> bool:
+    """Whether paths differ in length by so much that packing them pays; not between a coat and a diffuse base."""
+    media = any(medium is not None and medium.scatters for medium in stack.media)
+    return media or not all(interface.flat for interface in stack.interfaces[1:])
 
 
 def _weight(own: Array, other: Array) -> Array:
@@ -170,12 +197,18 @@ def _advance(stack: BoundStack, s: State, wo: Vector, way_out: Exit, region: int
     here = (s["d"].z < 0) if down else (s["d"].z >= 0)
     if s["region"] is not None:
         here = here & (s["region"] == region)
-    if stack.media[region] is not None:
-        here = _fly(stack, s, way_out, region, here)
-    _meet(stack, s, wo, way_out, region, down, here)
+    interface = stack.interfaces[region if down else region - 1]
+    # What scatters in the medium does not reach the interface: the same two numbers serve either.
+    medium = stack.media[region]
+    u = (0.5, 0.5)
+    if interface.delta is not True or (medium is not None and medium.scatters):
+        u = (uniform(s["rng"], s["d"]), uniform(s["rng"], s["d"]))
+    if medium is not None:
+        here = _fly(stack, s, way_out, region, here, u)
+    _meet(stack, s, wo, way_out, region, down, here, u)
 
 
-def _fly(stack: BoundStack, s: State, way_out: Exit, region: int, here: Any) -> Any:
+def _fly(stack: BoundStack, s: State, way_out: Exit, region: int, here: Any, u: tuple[Array, Array]) -> Any:
     """Cross the medium or collide in it; returns the lanes that arrive at the interface ahead."""
     medium = stack.media[region]
     assert medium is not None
@@ -200,7 +233,7 @@ def _fly(stack: BoundStack, s: State, way_out: Exit, region: int, here: Any) -> 
             value = value * _weight(way_out.pdf, density * way_out.jacobian)
         s["light"] = s["light"] + dr.select(here & meets, s["throughput"] * (flight.scattered * value), 0)
     hit = here & flight.collided
-    after = phase.sample(d, uniform(rng, d), uniform(rng, d))
+    after = phase.sample(d, u[1], u[0])
     s["throughput"] = dr.select(here, s["throughput"] * flight.weight, s["throughput"])
     if stack.still is not None:
         s["throughput"] = dr.select(hit, s["throughput"] * relative(phase.eval(d, after)), s["throughput"])
@@ -222,6 +255,7 @@ def _meet(
     region: int,
     down: bool,
     here: Any,
+    u: tuple[Array, Array],
 ) -> None:
     """Scatter at the interface ahead of the lanes `here`."""
     k = region if down else region - 1
@@ -233,10 +267,8 @@ def _meet(
     if interface.delta is not True:
         _connect(s, interface, way_out, k, down, outer, w, here)
     # Beyond an outer interface lies no way to wo but the one just counted: the walk goes on inside only.
-    u = (0.5 if outer or interface.flat else uniform(s["rng"], d), 0.5, 0.5)
-    if interface.delta is not True:
-        u = (u[0], uniform(s["rng"], d), uniform(s["rng"], d))
-    event = interface.sample(w, u, above=down, part="reflect" if outer else "both", rng=s["rng"])
+    choice = 0.5 if outer or interface.opaque else uniform(s["rng"], d)
+    event = interface.sample(w, (choice, *u), above=down, part="reflect" if outer else "both", rng=s["rng"])
     o = event.o if down else mirror(event.o)
     s["throughput"] = dr.select(here, s["throughput"] * event.weight, s["throughput"])
     if s["pdf"] is not None:
@@ -280,7 +312,7 @@ def _connect(
             if through
             else interface.reflect(w, c, down, "reflect" if outer else "both", rng=s["rng"])
         )
-        if not interface.flat:
+        if s["pdf"] is not None and not interface.flat:
             value = value * _weight(way_out.pdf, pdf * way_out.jacobian)
         s["light"] = s["light"] + dr.select(here & meets, s["throughput"] * way_out.carry(value, region), 0)
 
