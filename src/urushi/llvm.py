@@ -21,6 +21,7 @@ import re
 import sys
 from collections.abc import Iterator
 from dataclasses import dataclass
+from functools import cache
 from importlib import metadata
 from pathlib import Path
 from typing import Any
@@ -90,6 +91,7 @@ def prepare() -> None:
         ensure()
 
 
+@cache
 def _loaded(drjit: Any) -> LLVM:
     """What Dr.Jit, imported already, has loaded."""
     version = tuple(drjit.detail.llvm_version())

@@ -114,7 +114,7 @@ class Adding:
         key = repr(stack.replace({"name": "", "description": ""})), self.accuracy, self.nodes
         if key not in _solved:
             bound, _ = bind_numbers(stack)
-            _solved[key] = Prepared.build(solution(stack, self.accuracy, self.nodes or None), bound)
+            _solved[key] = Prepared(solution(stack, self.accuracy, self.nodes or None), bound)
             while len(_solved) > KEPT:
                 _solved.popitem(last=False)
         _solved.move_to_end(key)

@@ -67,9 +67,16 @@ class Cells:
         width = np.ones((rows, columns))
         peak = np.zeros((rows, solution.colours))
         negative = 0.0
+        places: dict[tuple[bool, bool], tuple[slice, slice]] = {}
         for k, (from_above, to_above) in enumerate(SIDES[: 1 if opaque else 4]):
             i = slice(0, counts[0]) if from_above else slice(counts[0], rows)
             o = slice(0, counts[0] + 1) if to_above else slice(counts[0] + 1, columns)
+            twin = solution.twin((from_above, to_above), places)
+            places[from_above, to_above] = i, o
+            if twin is not None:
+                mass[i, o], width[i, o] = mass[places[twin]], width[places[twin]]
+                peak[i] = np.maximum(peak[i], peak[places[twin][0]])
+                continue
             area = 0.5 * hats(*squares(theta[0 if to_above else 1]))  # integrals of hat mu dmu
             angles = grid.mu[0 if to_above else -1], grid.mu[0 if from_above else -1]
             index = grid.indices[0 if to_above else -1]

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import copy
-from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import drjit as dr
@@ -23,61 +23,62 @@ from .stencil import Lookup, Stencils
 from .table import ORDER, SIDES, Series, Table
 
 
-@dataclass
 class Prepared:
-    """What is computed once for a solution, in numpy, and serves every module and precision.
+    """What is computed for a solution once, in numpy, as it is first asked for; it serves every module and precision.
 
-    Attributes:
+    Args:
         solution: the solved stack.
-        series: its table.
-        cells: where it sends its light.
-        face: (R,) luminance of the outermost interface's own lobe, for light from each incident node.
-        totals: (R, 2, C) flux that leaves above and below for light from each node, delta parts included.
-        order: nodes that a direction is interpolated from.
+        stack: the same stack bound in Dr.Jit's LLVM arrays in double precision.
+        order: nodes that a direction is interpolated from, even.
     """
 
-    solution: Solution
-    series: Series
-    cells: Cells
-    face: np.ndarray
-    totals: np.ndarray
-    order: int = ORDER
+    def __init__(self, solution: Solution, stack: BoundStack, order: int = ORDER) -> None:
+        self.solution, self.stack, self.order = solution, stack, order
+        above, below = len(solution.grid.mu[0]), 0 if stack.opaque else len(solution.grid.mu[-1])
+        self.above, self.rows = above, above + below
 
-    @classmethod
-    def build(cls, solution: Solution, stack: BoundStack, order: int = ORDER) -> Prepared:
-        """Prepare a solution.
+    @cached_property
+    def series(self) -> Series:
+        """The table of values."""
+        return Series(self.solution)
 
-        Args:
-            solution: the solved stack.
-            stack: the same stack bound in Dr.Jit's LLVM arrays in double precision.
-            order: nodes that a direction is interpolated from, even.
-        """
-        series = Series(solution)
-        closed = Closed(stack, solution)
-        cells = Cells.build(solution, series, closed.density if closed.more else None)
-        rows = sum(cells.counts)
-        face = np.zeros(rows)
-        totals = np.zeros((rows, 2, solution.colours))
-        for from_above, to_above in series.parts:
-            part = solution.parts[from_above, to_above]
-            i = slice(0, cells.counts[0]) if from_above else slice(cells.counts[0], rows)
-            found = _flux(part.blocks, solution.colours, i.stop - i.start)
-            rest = _flux(part.rest, solution.colours, i.stop - i.start)
-            if from_above == to_above and closed.interface and not covers(stack, from_above, to_above):
-                weights = (
-                    LUMINANCE if solution.colours == 3 else np.full(solution.colours, 1 / solution.colours)
-                )
-                face[i] = np.maximum(rest @ weights, 0)
-            totals[i, 0 if to_above else 1] = found + rest
+    @cached_property
+    def cells(self) -> Cells:
+        """Where the light goes, for sampling: this takes longer than all else."""
+        closed = Closed(self.stack, self.solution)
+        return Cells.build(self.solution, self.series, closed.density if closed.more else None)
+
+    @cached_property
+    def face(self) -> np.ndarray:
+        """(R,) luminance of the outermost interface's own lobe, for light from each incident node."""
+        found, colours = np.zeros(self.rows), self.solution.colours
+        weights = LUMINANCE if colours == 3 else np.full(colours, 1 / colours)
+        closed = Closed(self.stack, self.solution)
+        for (from_above, to_above), part in self.solution.parts.items():
+            if from_above == to_above and closed.interface and not covers(self.stack, from_above, to_above):
+                i = self._incident(from_above)
+                found[i] = np.maximum(_flux(part.rest, colours, i.stop - i.start) @ weights, 0)
+        return found
+
+    @cached_property
+    def totals(self) -> np.ndarray:
+        """(R, 2, C) flux that leaves above and below for light from each node, delta parts included."""
+        colours = self.solution.colours
+        found = np.zeros((self.rows, 2, colours))
+        for (from_above, to_above), part in self.solution.parts.items():
+            i = self._incident(from_above)
+            found[i, 0 if to_above else 1] = _flux(part.whole(), colours, i.stop - i.start)
             if part.delta is not None:
-                some = part.delta.shape[1]
-                totals[i, 0 if to_above else 1][:some] += part.delta.T
-        return cls(solution, series, cells, face, totals, order)
+                found[i, 0 if to_above else 1][: part.delta.shape[1]] += part.delta.T
+        return found
 
-    @property
+    @cached_property
     def scatters(self) -> bool:
         """False if there are delta parts only."""
-        return bool(self.face.any() or self.cells.mass.any())
+        return any(block.values.any() for part in self.solution.parts.values() for block in part.whole())
+
+    def _incident(self, above: bool) -> slice:
+        return slice(0, self.above) if above else slice(self.above, self.rows)
 
 
 class Closed:
@@ -135,6 +136,8 @@ class AddingCore:
         spectrum: type of a colour, or of a number where the solution has one channel.
         module, double: the Dr.Jit module, and whether to compute in double precision.
         radiance: scale transmitted light as radiance (n_wi / n_wo)^2; False for importance (flux).
+        sampling: make at once what `sample`, `pdf` and `peak` need. Otherwise the first of them does, which then must
+            not be traced.
     """
 
     def __init__(
@@ -145,7 +148,9 @@ class AddingCore:
         module: Any,
         double: bool,
         radiance: bool = True,
+        sampling: bool = True,
     ) -> None:
+        self._prepared, self._types = prepared, (module, double)
         self.solution = solution = prepared.solution
         number = number_type(module, double)
         self.stack, self.spectrum, self.radiance = stack, spectrum, radiance
@@ -155,12 +160,26 @@ class AddingCore:
         self.stencils = Stencils(solution.grid, regions, prepared.order, module, double)
         empty = prepared.series.empty
         self.table = None if empty else Table(solution, prepared.series, self.stencils, module, double)
-        self.proposal = Proposal(prepared.cells, prepared.face, module, double)
         self.scatters = prepared.scatters
-        self.above = prepared.cells.counts[0]
+        self.above = prepared.above
         self.totals = Lookup(prepared.totals, number)
-        self.peaks = Lookup(prepared.cells.peak, number)
         self.has_delta = has_delta(stack)
+        if sampling:
+            self.make_sampling()
+
+    def make_sampling(self) -> None:
+        """Make what `sample`, `pdf` and `peak` need, if that was not done."""
+        assert self.proposal and self.peaks
+
+    @cached_property
+    def proposal(self) -> Proposal:
+        """What `sample` draws from."""
+        return Proposal(self._prepared.cells, self._prepared.face, *self._types)
+
+    @cached_property
+    def peaks(self) -> Lookup:
+        """The largest f for each node and channel."""
+        return Lookup(self._prepared.cells.peak, number_type(*self._types))
 
     # --- values ------------------------------------------------------------------------------------------------
 

@@ -110,13 +110,12 @@ def slab(scattering: Scattering, depth: np.ndarray, albedo: np.ndarray, method: 
     from . import doubling, ordinates
 
     depth, albedo = np.atleast_1d(np.asarray(depth, float)), np.atleast_1d(np.asarray(albedo, float))
-    if not (np.isfinite(depth) & (depth >= 0)).all():
+    if not ((depth >= 0) & (depth < np.inf)).all():
         raise UrushiError(f"medium: found depth {depth}; allowed: finite, >= 0")
     if not ((albedo >= 0) & (albedo <= 1)).all():
         raise UrushiError(f"medium: found albedo {albedo}; allowed: 0 to 1")
-    n = len(scattering.mu)
-    passed = np.exp(-depth[:, None] / scattering.mu)
     if not (albedo.any() and depth.any()):
+        n, passed = len(scattering.mu), np.exp(-depth[:, None] / scattering.mu)
         r, t = Operator((n, n)), Operator((n, n), passed)
         return Slab(r, t, r, t)
     solve: Callable[..., Slab] = {"ordinates": ordinates.solve, "doubling": doubling.solve}[method]

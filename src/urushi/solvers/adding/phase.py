@@ -27,8 +27,8 @@ from ...optics.phase import normalised
 MOST_TERMS = 1800
 #: so many degrees at a time are tried on the nodes
 STRETCH = 32
-#: 2 l + 1
-_TIMES = 2.0 * np.arange(MOST_TERMS + 1) + 1
+#: terms to look at first; moments below `NOTHING` there stand for no more terms
+FEW_TERMS, NOTHING = 80, 1e-20
 
 
 class Phase(Protocol):
@@ -127,8 +127,11 @@ def terms(phase: Phase, tolerance: float, times: int = 1) -> int:
     Returns:
         a number of terms, at most `MOST_TERMS`.
     """
-    moments = np.abs(phase.moments(MOST_TERMS + 1))
-    left = np.cumsum((_TIMES * (moments if times == 1 else moments**times))[::-1])[::-1]
+    moments = np.abs(phase.moments(FEW_TERMS))
+    if moments[-4:].max() > NOTHING:
+        moments = np.abs(phase.moments(MOST_TERMS + 1))
+    l = np.arange(len(moments))  # noqa: E741
+    left = np.cumsum(((2 * l + 1) * (moments if times == 1 else moments**times))[::-1])[::-1]
     enough = left <= tolerance * left[0]
     return int(np.argmax(enough)) if enough[-1] else MOST_TERMS
 

@@ -142,10 +142,14 @@ class Seen:
 
     def __init__(self, solution: Solution) -> None:
         self._weights: dict[tuple[int, bytes], np.ndarray] = {}
-        parts = solution.parts
-        self.albedo = {side: self._albedo(solution, part) for side, part in parts.items()}
-        self.values = {side: self._values(solution, part) for side, part in parts.items()}
-        self.peak = {side: self._peak(solution, part) for side, part in parts.items()}
+        self.albedo: dict[Side, np.ndarray] = {}
+        self.values: dict[Side, np.ndarray] = {}
+        self.peak: dict[Side, np.ndarray] = {}
+        for side, part in solution.parts.items():
+            twin = solution.twin(side, self.peak)
+            self.albedo[side] = self._albedo(solution, part) if twin is None else self.albedo[twin]
+            self.values[side] = self._values(solution, part) if twin is None else self.values[twin]
+            self.peak[side] = self._peak(solution, part) if twin is None else self.peak[twin]
 
     def _stencil(self, grid: Grid, region: int, mu: np.ndarray) -> np.ndarray:
         """(2, N, n) weights of all nodes of a region, for even and for odd orders."""

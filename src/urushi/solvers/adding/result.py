@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -66,6 +67,30 @@ class Matrices:
         return found
 
 
+#: diagnostics of the tables, which are not made before they are needed
+TABLES: dict[str, Callable[[Prepared], Any]] = {
+    "azimuthal_terms": lambda made: made.series.terms,
+    "azimuthal_error": lambda made: made.series.error,
+    "table_bytes": lambda made: 4 * sum(values.size for values in made.series.values),
+    "most_negative": lambda made: made.cells.negative,
+    "sampling_bytes": lambda made: 4 * made.cells.mass.size,
+}
+
+
+class Diagnostics(dict[str, Any]):
+    """What a solution says of itself; an entry of `TABLES` is there once ``diagnostics[...]`` has asked for it."""
+
+    def __init__(self, known: dict[str, Any], prepared: Prepared) -> None:
+        super().__init__(known)
+        self._prepared = prepared
+
+    def __missing__(self, key: str) -> Any:
+        if key not in TABLES:
+            raise KeyError(key)
+        self[key] = TABLES[key](self._prepared)
+        return self[key]
+
+
 class AddingBSDF(BSDF):
     """A solution as a BSDF: deterministic, its error known to the solver.
 
@@ -108,22 +133,20 @@ class AddingBSDF(BSDF):
             raise UrushiError(
                 "solution: found one of another stack; allowed: the operators of this very stack"
             )
-        self.prepared = Prepared.build(solution, bound, order)
+        self.prepared = Prepared(solution, bound, order)
         self._cores: dict[tuple[str, bool], AddingCore] = {}
         self._interior: Any = None
-        cells = self.prepared.cells
-        self.diagnostics = solution.diagnostics | {
-            "method": "adding",
-            "backend": self._module.__name__.removeprefix("drjit."),
-            "precision": precision,
-            "channels": solution.colours,
-            "closed_form": solution.closed_form,
-            "azimuthal_terms": self.prepared.series.terms,
-            "azimuthal_error": self.prepared.series.error,
-            "most_negative": cells.negative,
-            "table_bytes": 4 * sum(values.size for values in self.prepared.series.values),
-            "sampling_bytes": 4 * cells.mass.size,
-        }
+        self.diagnostics = Diagnostics(
+            solution.diagnostics
+            | {
+                "method": "adding",
+                "backend": self._module.__name__.removeprefix("drjit."),
+                "precision": precision,
+                "channels": solution.colours,
+                "closed_form": solution.closed_form,
+            },
+            self.prepared,
+        )
 
     @property
     def matrices(self) -> Matrices:
@@ -150,6 +173,14 @@ class AddingBSDF(BSDF):
             spectrum: the type of a value; by default a colour of that module, or a number for one channel.
             radiance: as in `AddingCore`; by default the mode of this BSDF.
         """
+        found = self._core(module, double, spectrum, radiance)
+        found.make_sampling()
+        return found
+
+    def _core(
+        self, module: Any, double: bool, spectrum: Any = None, radiance: bool | None = None
+    ) -> AddingCore:
+        """The same, ready for values alone; samples take longer to prepare, which the first of them then does."""
         if spectrum is None:
             spectrum = number_type(module, double)
             if self.solution.colours == 3:
@@ -160,7 +191,9 @@ class AddingBSDF(BSDF):
         key = f"{module.__name__} {spectrum.__name__} {radiance}", double
         if key not in self._cores:
             stack = self._bind(module, double)
-            self._cores[key] = AddingCore(self.prepared, stack, spectrum, module, double, radiance)
+            self._cores[key] = AddingCore(
+                self.prepared, stack, spectrum, module, double, radiance, sampling=False
+            )
         return self._cores[key]
 
     # --- the contract ------------------------------------------------------------------------------------------
@@ -277,7 +310,7 @@ class AddingBSDF(BSDF):
         return self._shaped(values, wi, wi)
 
     def _map(self, run: Any, inputs: tuple[np.ndarray, ...]) -> list[np.ndarray]:
-        core = self.core(self._module, self.double)
+        core = self._core(self._module, self.double)
         return mapped(lambda *lanes: run(core, *lanes), inputs, self._module, self.double)
 
     def _core_of(self, w: Any) -> AddingCore:

@@ -11,6 +11,7 @@ blocks, each on the nodes from `first` on.
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -79,3 +80,11 @@ class Solution:
     diagnostics: dict[str, Any]
     forward: dict[int, float] = field(default_factory=dict)
     terms: dict[int, int] = field(default_factory=dict)
+
+    def twin(self, side: tuple[bool, bool], among: Iterable[tuple[bool, bool]]) -> tuple[bool, bool] | None:
+        """The first of some sides that is this one seen from the other end, in a stack that is its own mirror image."""
+        one = self.parts[side]
+        for other in among:
+            if one.blocks is self.parts[other].blocks and one.rest is self.parts[other].rest:
+                return other
+        return None

@@ -102,10 +102,7 @@ class _Gathered:
     """
 
     def __init__(self, side: tuple[bool, bool], grid: Grid, colours: int, complete: bool) -> None:
-        self.side, self.colours, self.complete = side, colours, complete
-        i, o = (0 if above else -1 for above in side)
-        # What turns operators into values that can be compared: flux density over the cosine.
-        self.scale = (grid.mu[o][:, None] + grid.mu[i]) / (grid.mu[o] * grid.weights[o])[:, None]
+        self.side, self.grid, self.colours, self.complete = side, grid, colours, complete
         self.delta: np.ndarray | None = None
         self.blocks: list[Block] = []
         self.rest: list[Block] = []
@@ -122,9 +119,16 @@ class _Gathered:
         if dense is not None:
             self.blocks.append(_block(found.orders, found.first, dense, self.colours))
             counted = operator.dense if self.complete and operator.dense is not None else dense
-            some = np.abs(counted * self.scale[found.first :, found.first :])
+            some = np.abs(counted * self._scale(found.first))
             height[: counted.shape[1]] = some.max(axis=(2, 3), initial=0.0).max(axis=0)
         return height
+
+    def _scale(self, first: int) -> np.ndarray:
+        """What turns operators into values that can be compared: flux density over the cosine."""
+        i, o = (0 if above else -1 for above in self.side)
+        mu_i, mu_o, weight = self.grid.mu[i][first:], self.grid.mu[o][first:], self.grid.weights[o][first:]
+        found: np.ndarray = (mu_o[:, None] + mu_i) / (mu_o * weight)[:, None]
+        return found
 
     def cut(self, stop: int) -> None:
         """Leave out the orders from `stop` on."""

@@ -44,6 +44,10 @@ class Series:
         tolerance = UNKNOWN if error is None else min(max(SHARE * error, LEAST), MOST)
         fitted: list[tuple[np.ndarray, np.ndarray, float]] = []
         for key in self.parts:
+            twin = solution.twin(key, self.parts[: len(fitted)])
+            if twin is not None:
+                fitted.append(fitted[self.parts.index(twin)])
+                continue
             blocks, shape = _blocks(solution, solution.parts[key])
             if key == (False, True) and _reversed(blocks, _blocks(solution, solution.parts[True, False])[0]):
                 # The same q the other way, to the last digit: reciprocity is not left to the choice of widths.
@@ -51,10 +55,12 @@ class Series:
                 fitted.append((values.transpose(1, 0, 2, 3), width.T, error))
             else:
                 fitted.append(warp.fit(blocks, shape, tolerance))
-        self.terms = max(found[0].shape[-1] for found in fitted)
-        self.values = [np.pad(v, ((0, 0),) * 3 + ((0, self.terms - v.shape[-1]),)) for v, _, _ in fitted]
+        self.terms: int = max(found[0].shape[-1] for found in fitted)
+        self.values: list[np.ndarray] = [
+            np.pad(v, ((0, 0),) * 3 + ((0, self.terms - v.shape[-1]),)) for v, _, _ in fitted
+        ]
         self.width = [width for _, width, _ in fitted]
-        self.error = max(error for _, _, error in fitted)
+        self.error: float = max(error for _, _, error in fitted)
 
     @property
     def empty(self) -> bool:

@@ -17,7 +17,7 @@ from threadpoolctl import ThreadpoolController
 
 _lock = threading.Lock()
 _inside = 0
-_limit: Any = None
+_before: list[tuple[Any, int]] = []
 
 
 @contextmanager
@@ -26,10 +26,12 @@ def one_thread() -> Iterator[None]:
 
     May be nested, and used by several threads at once. Serves as a decorator, too.
     """
-    global _inside, _limit
+    global _inside, _before
     with _lock:
         if _inside == 0:
-            _limit = _controller().limit(limits=1, user_api="blas")
+            _before = [(library, library.num_threads) for library in _libraries()]
+            for library, _ in _before:
+                library.set_num_threads(1)
         _inside += 1
     try:
         yield
@@ -37,10 +39,11 @@ def one_thread() -> Iterator[None]:
         with _lock:
             _inside -= 1
             if _inside == 0:
-                _limit.restore_original_limits()
+                for library, count in _before:
+                    library.set_num_threads(count)
 
 
 @cache
-def _controller() -> ThreadpoolController:
-    """Found once: looking for the libraries takes longer than a small matrix."""
-    return ThreadpoolController()
+def _libraries() -> list[Any]:
+    """The libraries of linear algebra. Found once: looking for them takes longer than a small matrix."""
+    return [library for library in ThreadpoolController().lib_controllers if library.user_api == "blas"]

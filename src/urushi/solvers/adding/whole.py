@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
-from functools import cache
 from typing import Any
 
 import drjit as dr
@@ -28,8 +27,6 @@ from .threads import one_thread
 
 #: fewest nodes to try a grid with
 FEWEST = 24
-#: LLVM is looked for once, which takes longer than a thin slab
-_ready = cache(llvm.ensure)
 #: see `solution`
 Keep = Callable[[list[int], Callable[[], Solution]], Solution]
 
@@ -72,7 +69,7 @@ class _Problem:
     """A stack that is bound, ready to be solved on any nodes."""
 
     def __init__(self, stack: Stack, accuracy: float, extra: Sequence[float]) -> None:
-        _ready()
+        llvm.ensure()
         self.bound, self.colours = build.solvable(stack)
         self.phases = build.phase_functions(stack)
         self.indices, self.extra = build.indices(self.bound), tuple(extra)
