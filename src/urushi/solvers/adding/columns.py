@@ -34,6 +34,8 @@ LANES = 1 << 21
 SEED = 20_160_711
 #: the narrowest lobe that gets panels of its own, in radians
 NARROWEST = 1e-5
+#: cosine up to which lobes become narrower in azimuth as both directions graze
+GRAZING = 0.1
 #: Gauss points per panel more than elsewhere where polynomials are integrated with cosines, which asks more of them
 SMOOTH = 2
 #: what a panel with a kink in it may hold, of all light of its node per unit of the cosine, to pass as smooth
@@ -79,12 +81,13 @@ class Side:
         """Width of the lobe about the direction of the smooth interface, in azimuth.
 
         At width x the facet between both directions has the slope alpha (at imaginary x, where GGX has its poles).
+        Nearer to the horizon than `GRAZING` or alpha it counts as there.
         """
         if node >= min(self.grid.count(self.source), self.grid.count(self.target)):
             return np.inf
         sin = self.grid.s[node] / self.grid.indices[self.source]
         cos_i, cos_o = self.grid.mu[self.source][node], self.grid.mu[self.target][node]
-        z = 2 * max(cos_i, self.alpha) if self.reflects else abs(self.ratio * cos_o - cos_i)
+        z = 2 * max(cos_i, min(self.alpha, GRAZING)) if self.reflects else abs(self.ratio * cos_o - cos_i)
         return float(2 * np.arcsinh(self.alpha * z / max(2 * sin, 1e-30)))
 
 

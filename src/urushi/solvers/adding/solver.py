@@ -30,6 +30,8 @@ from .table import SIDES
 MEMORY, CACHE = 1 << 26, 1 << 17
 #: the search ends after so many orders in a row that hold next to nothing
 QUIET = 4
+#: cosine of incidence from which on each node's own light counts, and how much more of it may be left out
+GRAZING, OWN = 0.06, 4
 #: more orders than this are not looked for
 MOST_ORDERS = 1 << 14
 
@@ -75,12 +77,12 @@ def solve_on(
     gathered = {side: _Gathered(side, grid, colours, complete) for side in sides}
     distinct: Sequence[tuple[bool, bool]] = sides
     most = max((layer.orders for layer in there), default=0)
-    heights = np.zeros(0)
+    heights = np.zeros((0, 2))
     for orders in _chunks(most, grid, colours):
         found = _solve_orders(stack, grid, layers, orders, _first(there, orders))
         if found.whole.symmetric:
             distinct = SIDES[:2]  # from below it looks as from above
-        heights = np.append(heights, np.max([gathered[side].add(found) for side in distinct], axis=0))
+        heights = np.append(heights, np.max([gathered[side].add(found) for side in distinct], axis=0), axis=0)
         if len(_loud(heights, tolerance)) + QUIET <= len(heights):
             break
     used = len(heights) if complete else max(len(_loud(heights, tolerance)), 1)
@@ -106,21 +108,29 @@ class _Gathered:
         self.delta: np.ndarray | None = None
         self.blocks: list[Block] = []
         self.rest: list[Block] = []
+        self.highest = np.zeros(len(grid.mu[0 if side[0] else -1]))
 
     def add(self, found: Found) -> np.ndarray:
-        """Take some orders; returns how high each of them is."""
+        """Take some orders; returns how high each of them is, and how high for light from any node, relative to its own.
+
+        Lobes of grazing light are narrow in azimuth, but not as high as others.
+        """
         operator, closed = _side(found.whole, self.side), found.closed.get(self.side)
         if found.orders.start == 0:
             self.delta = _coloured(operator.delta, self.colours)
-        dense, height = operator.dense, np.zeros(len(found.orders))
+        dense, height = operator.dense, np.zeros((len(found.orders), 2))
         if closed is not None and closed.dense is not None:
             self.rest.append(_block(found.orders, found.first, closed.dense, self.colours))
             dense = closed.dense * -1 if dense is None else dense - closed.dense
         if dense is not None:
             self.blocks.append(_block(found.orders, found.first, dense, self.colours))
             counted = operator.dense if self.complete and operator.dense is not None else dense
-            some = np.abs(counted * self._scale(found.first))
-            height[: counted.shape[1]] = some.max(axis=(2, 3), initial=0.0).max(axis=0)
+            some = np.abs(counted * self._scale(found.first)).max(axis=(0, 2), initial=0.0)
+            own = self.highest[found.first :]
+            np.maximum(own, some.max(axis=0, initial=0.0), out=own)
+            seen = self.grid.mu[0 if self.side[0] else -1][found.first :] > GRAZING
+            relative = some / np.maximum(own, 1e-6 * self.highest.max(initial=1e-300)) * seen
+            height[: len(some)] = np.stack([a.max(axis=1, initial=0.0) for a in (some, relative)], axis=1)
         return height
 
     def _scale(self, first: int) -> np.ndarray:
@@ -146,8 +156,9 @@ def _first(layers: Sequence[Layer], orders: range) -> int:
 
 
 def _loud(heights: np.ndarray, tolerance: float) -> range:
-    """Orders up to the last that is above the tolerance, relative to the highest."""
-    found = np.flatnonzero(heights > tolerance * heights.max(initial=0.0))
+    """Orders up to the last above the tolerance, relative to the highest; or, for some node, above `OWN` times it."""
+    every, own = heights.T
+    found = np.flatnonzero((every > tolerance * every.max(initial=0.0)) | (own > OWN * tolerance))
     return range(int(found[-1]) + 1 if len(found) else 0)
 
 

@@ -1,0 +1,27 @@
+"""Grazing light: lobes that are narrow in azimuth keep their orders, whatever others need."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import urushi as ur
+from lanes import needs_llvm
+from outside import degrees
+
+pytestmark = needs_llvm
+
+
+@pytest.mark.parametrize(("accuracy", "alpha"), [(1e-2, 0.25), (1e-3, 0.25), (3e-3, 0.5)])
+def test_metal_under_dye(accuracy: float, alpha: float) -> None:
+    """Dye that scatters nothing dims both ways; what is below has a closed form, which the solver does not use here."""
+    metal = ur.Conductor(eta=2.137, k=4.713, alpha=alpha)
+    dyed = ur.solve(ur.Stack(layers=[ur.Medium(depth=0.02, albedo=0.0), metal]), "adding", accuracy=accuracy)
+    bare = ur.solve(ur.Stack(layers=[metal]), "adding", accuracy=accuracy)
+    theta, phi = (a.ravel() for a in np.meshgrid(np.linspace(0, 86, 44), 180 + np.linspace(0, 60, 31)))
+    wo = degrees(theta, phi)
+    for incidence in (0.0, 50.0, 75.0, 80.0, 84.0):
+        wi = np.broadcast_to(degrees(incidence), wo.shape)
+        truth = bare.eval(wi, wo) * np.exp(-0.02 * (1 / wi[:, 2:] + 1 / wo[:, 2:])) / wo[:, 2:]
+        error = np.abs(dyed.eval(wi, wo) / wo[:, 2:] - truth).max() / truth.max()
+        assert error < accuracy, (incidence, error)
