@@ -111,7 +111,7 @@ class _Gathered:
         self.highest = np.zeros(len(grid.mu[0 if side[0] else -1]))
 
     def add(self, found: Found) -> np.ndarray:
-        """Take some orders; returns how high each of them is, and how high for light from any node, relative to its own.
+        """Take some orders; returns how high each is, at most and, for light from any node, relative to its own.
 
         Lobes of grazing light are narrow in azimuth, but not as high as others.
         """
