@@ -113,6 +113,11 @@ def test_nothing_at_all_lets_everything_through() -> None:
     bsdf = ur.solve(ur.Stack(layers=[ur.Dielectric(ior=1.0)]), "adding", nodes=8)
     assert np.allclose(bsdf.transmittance(UP), 1) and np.allclose(bsdf.reflectance(UP), 0)
     assert np.allclose(bsdf.absorption(UP).transmitted, 1)
+    assert np.array_equal(bsdf.matrices.operator(0, True, False)[0], np.eye(8))
+    assert not bsdf.matrices.operator(0, True, True).any()
+    ledger = ur.solve(ur.Stack(layers=[fog()]), "adding", nodes=12).absorption(UP)
+    total = ledger.reflected + ledger.transmitted + ledger.absorbed.sum(axis=0)
+    assert np.allclose(total, 1) and (ledger.transmitted > 0.3).all()
 
 
 def test_a_thin_slab_is_decomposed_once(monkeypatch: pytest.MonkeyPatch) -> None:
