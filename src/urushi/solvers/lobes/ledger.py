@@ -70,11 +70,15 @@ class Tally:
             passes: as for `met`.
             unshadowed: what facets that absorb nothing would reflect, of a beam and of diffuse light.
         """
-        beam, even = (1 / at_least(value, 1e-9) - 1 for value in unshadowed)
-        self.shadowed[number] = sum(
-            (r.beam + r.spread) * down.beam * beam + times(r._replace(scattered=0.0), down).spread * even
-            for (r, _), down in passes
-        )
+        beam, even = unshadowed
+        kept: Array = 0.0
+        for (r, _), down in passes:
+            kept = kept + (r.beam + r.spread) * down.beam * (1 / at_least(beam, 1e-9) - 1)
+            white = times(Flow(0.0, 0.0, even), down).spread
+            kept = kept + times(r._replace(scattered=0.0), down).spread * (
+                down.spread / at_least(white, 1e-12) - 1
+            )
+        self.shadowed[number] = kept
 
     def _share(self, slabs: list[Slab], light: Flow) -> None:
         """What light that is sent up leaves in the layers above."""

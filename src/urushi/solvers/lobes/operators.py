@@ -225,7 +225,7 @@ class Boundary:
             return mixing.metal(kind, inner.eta, inner.k, self.alpha, self.full, like), 0.0
         return mixing.dielectric(kind, self.eta, self.alpha, self.full or self.smooth, like)
 
-    def unshadowed(self, cos: Array, width: Array | None) -> tuple[Array, Array]:
+    def unshadowed(self, cos: Array, width: Array | None) -> tuple[Any, Any]:
         """What facets that reflect everything would send out, of a lobe and of diffuse light; 1 where none is lost."""
         if self.matte is not None:
             return self.matte.unshadowed(cos)
@@ -233,9 +233,10 @@ class Boundary:
             return 1.0, 1.0
         ideal = 0 * cos, 1 + 0 * cos
         kind = self._kind()
+        diffuse = mixing.metal if self.mixes else tables.metal_diffuse
         return (
             tables.metal(kind, cos, *ideal, self.alpha, width, False),
-            tables.metal_diffuse(kind, *ideal, self.alpha, False, cos),
+            diffuse(kind, *ideal, self.alpha, False, cos),
         )
 
     def scatters(self) -> bool:

@@ -19,7 +19,7 @@ from typing import Any
 
 import drjit as dr
 
-from ...interfaces import BoundDielectric
+from ...interfaces import BoundDielectric, BoundDiffuse
 from ...optics.vectors import Array, Vector, at_least, at_most, channels, total
 from ..bound import BoundStack
 from . import matte
@@ -83,7 +83,7 @@ def respond(stack: BoundStack, wi: Vector, above: bool, scatters: bool = True, t
     """
     order = range(len(stack.interfaces)) if above else range(len(stack.interfaces) - 1, -1, -1)
     refracting = _refracting(stack, order)
-    mixes = scatters and any(medium is not None and medium.scatters for medium in stack.media)
+    mixes = scatters and _mixes(stack)
     cos = at_least(dr.abs(wi.z), GRAZING)
     spread = Spread()
     steps: list[Step] = []
@@ -192,6 +192,17 @@ def _lobe(light: Flow, factor: Array) -> tuple[Array, Array]:
         return light.beam, light.spread
     moved = at_most(light.beam * (factor - 1), at_least(light.spread, 0))
     return light.beam + moved, light.spread - moved
+
+
+def _mixes(stack: BoundStack) -> bool:
+    """Whether diffuse light is not nearly even everywhere, so that its moments are followed."""
+    media = [medium for medium in stack.media if medium is not None]
+    if any(medium.scatters for medium in media):
+        return True
+    through = sum(
+        isinstance(interface.single or interface, BoundDielectric) for interface in stack.interfaces
+    )
+    return isinstance(stack.interfaces[-1], BoundDiffuse) and (through > 1 or bool(media))
 
 
 def _refracting(stack: BoundStack, order: range) -> list[int]:
