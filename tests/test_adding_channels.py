@@ -79,3 +79,26 @@ def test_diagnostics_are_the_worst_of_all(several):
     assert several.diagnostics["estimated_error"] == max(
         p.diagnostics["estimated_error"] for p in several.parts
     )
+
+
+@pytest.mark.parametrize("count", [1, 2, 4])
+def test_any_number_of_channels(count):
+    """One value in an array is a number; two are no roughness; a third that is not full has as many as there are."""
+    wi, wo = directions(20)
+    given = {"layer_1.albedo": ALBEDO[:count]}
+    found = ur.solve(SLAB, "adding", nodes=8, parameters=given)
+    last = ur.solve(SLAB, "adding", nodes=8, parameters={"layer_1.albedo": ALBEDO[count - 1]})
+    values = found.eval(wi, wo)
+    assert values.shape == (20, 3 if count == 1 else count)
+    np.testing.assert_allclose(values[:, -1], last.eval(wi, wo)[:, 0], rtol=1e-6, atol=1e-9)
+
+
+def test_colours_are_no_channels():
+    """What the description says in red, green and blue says nothing of seven wavelengths."""
+    for layer, name in (
+        (ur.Conductor(material="Au", alpha=0.3), "eta"),
+        (ur.Diffuse((0.8, 0.5, 0.2)), "reflectance"),
+    ):
+        stack = ur.Stack(layers=[*SLAB.layers[:2], layer])
+        with pytest.raises(MaterialError, match=rf"layer_2\.{name}: found a colour.*7 channels"):
+            ur.solve(stack, "adding", nodes=8, parameters=GIVEN)

@@ -146,7 +146,7 @@ def replaced(stack: Stack, given: Mapping[str, Any]) -> Stack:
                 "every evaluation)",
                 where=name,
             )
-        changes[name] = float(array) if array.size == 1 else tuple(float(v) for v in array)
+        changes[name] = float(array.item()) if array.size == 1 else tuple(float(v) for v in array)
     return _spelt_out(stack, given).replace(changes)
 
 

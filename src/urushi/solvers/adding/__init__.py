@@ -77,7 +77,7 @@ def solve(
         **options: `backend`, `precision`, `mode`: see `urushi.solvers.adding.result.AddingBSDF`.
 
     Returns:
-        An `AddingBSDF`, or with more than three channels a `ChannelsBSDF`. Its `diagnostics` hold "nodes", "orders",
+        An `AddingBSDF`, or with other channels than 1 or 3 a `ChannelsBSDF`. Its `diagnostics` hold "nodes", "orders",
         "estimated_error", "accuracy", "seconds" and "history".
 
     Raises:
@@ -97,10 +97,10 @@ def solve(
 
     given = parameters or {}
     parts = []
-    for some in split(given):
+    for some in split(given, stack):
         own = replaced(stack, some) if some else stack
         reasons = reasons_against(own)
         if reasons:
             raise UnsupportedStack("adding", reasons)
         parts.append(AddingBSDF(own, solution(own, accuracy, nodes, progress, tuple(indices)), **options))
-    return parts[0] if channels(given) <= 3 else ChannelsBSDF(stack, parts, channels(given))
+    return parts[0] if channels(given) in (1, 3) else ChannelsBSDF(stack, parts, channels(given))

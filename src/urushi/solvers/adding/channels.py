@@ -1,4 +1,4 @@
-"""More channels than a colour has: as many solutions as it takes, three channels each, as one BSDF.
+"""Other channels than a colour has: as many solutions as it takes, three channels each, as one BSDF.
 
 Wavelengths know nothing of one another, in the equations as in nature, so a spectrum of C values is solved in thirds.
 """
@@ -17,28 +17,46 @@ from urushi.stack import Stack
 from ..bsdf import BSDF, Sample, random_numbers, same_count
 from ..bsdf import directions as checked
 from ..ledger import Ledger, alike
+from ..numbers import described, is_vector
 from .result import AddingBSDF
 
 
 def channels(parameters: Mapping[str, Any]) -> int:
     """How many channels the values ask for: the most that any of them has."""
-    return max((np.size(value) for value in parameters.values()), default=1)
+    return max((np.size(value) for name, value in parameters.items() if not _pair(name, value)), default=1)
 
 
-def split(parameters: Mapping[str, Any]) -> list[dict[str, Any]]:
-    """Parameters with C values each, three at a time; a single dictionary where no parameter has more than three.
+def _pair(name: str, value: Any) -> bool:
+    """Whether a value is a roughness along x and along y, which are no channels."""
+    return np.size(value) == 2 and name.endswith(".alpha")
+
+
+def split(parameters: Mapping[str, Any], stack: Stack) -> list[dict[str, Any]]:
+    """Parameters with C values each, three at a time; a single dictionary where C is 1 or 3.
 
     Raises:
-        MaterialError: parameters with different numbers of values.
+        MaterialError: parameters with different numbers of values, or colours of the description, which say nothing of
+            these channels.
     """
     arrays = {name: np.asarray(value, dtype=np.float64) for name, value in parameters.items()}
-    many = {name: len(array) for name, array in arrays.items() if array.ndim == 1 and array.size > 3}
+    many = [
+        array.size
+        for name, array in arrays.items()
+        if array.ndim == 1 and array.size not in (1, 3) and not _pair(name, array)
+    ]
     if not many:
         return [dict(parameters)]
-    count = max(many.values())
+    count = max(many)
+    for name, value in described(stack).items():
+        if name not in arrays and isinstance(value, tuple) and len(value) == 3 and not is_vector(name):
+            raise MaterialError(
+                f"found a colour, where other parameters have {count} channels; allowed: one number, or "
+                f"parameters={{{name!r}: ...}} with {count}",
+                where=name,
+            )
     found = []
     for name, array in arrays.items():
-        if array.ndim > 1 or array.size not in (1, count):
+        if array.ndim > 1 or (array.size not in (1, count) and not _pair(name, array)):
             raise MaterialError(
                 f"found shape {array.shape}; allowed: one number or {count} channels, as others have",
                 where=name,
@@ -46,9 +64,12 @@ def split(parameters: Mapping[str, Any]) -> list[dict[str, Any]]:
     for start in range(0, count, 3):
         some = {}
         for name, array in arrays.items():
-            values = array[start : start + 3] if array.size > 1 else array.reshape(1)
+            if array.size != count:
+                some[name] = array
+                continue
+            values = array[start : start + 3]
             # A third that is not full repeats its last channel.
-            some[name] = np.resize(np.append(values, [values[-1]] * 2), 3) if array.size > 1 else values
+            some[name] = np.resize(np.append(values, [values[-1]] * 2), 3)
         found.append(some)
     return found
 
@@ -149,6 +170,6 @@ class ChannelsBSDF(BSDF):
 def _numpy(w: Any) -> np.ndarray:
     if type(w).__module__.startswith(("drjit", "mitsuba")):
         raise UrushiError(
-            f"found {type(w).__name__}; allowed: numpy arrays where there are more than three channels"
+            f"found {type(w).__name__}; allowed: numpy arrays where there are more than three channels, or two"
         )
     return np.asarray(w, dtype=np.float64)
