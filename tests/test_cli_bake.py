@@ -92,6 +92,21 @@ def test_what_cannot_be_baked_is_said(run, tmp_path, material, said):
     assert status == 1 and said in err and "v.bsdf" not in names(tmp_path)
 
 
+def test_the_error_that_is_told_is_that_of_the_file(run, tmp_path):
+    _, out, _ = run("varnish.yaml", "-o", "v.urushi.npz", "--accuracy", "0.02")
+    told = native.load(tmp_path / "v.urushi.npz").diagnostics
+    assert f"error {told['estimated_error'] + told['file_error']:.2g}," in out
+
+
+def test_a_full_disk_is_said(run, tmp_path, monkeypatch):
+    def full(path, content):
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(ur.io, "replace", full)
+    status, _, err = run("varnish.yaml", "-o", "v.urushi.npz", "--nodes", "8")
+    assert status == 1 and "No space left on device" in err and names(tmp_path) == []
+
+
 def test_an_interrupted_bake_goes_on_where_it_stopped(run, tmp_path, monkeypatch):
     """Refinements that were finished are not solved again; those of another bake, and damaged ones, are no use."""
     solved = []

@@ -70,8 +70,9 @@ def command(
         else:
             from urushi.adapters import native
 
-            native.save(bsdf, path)
-            error += 0.1 * accuracy
+            spare = native.spare(bsdf)
+            native.save(bsdf, path, error=spare)
+            error += spare
     except KeyboardInterrupt:
         if partial.files:
             common.warn("what was solved is kept; the same command goes on from there")
@@ -117,7 +118,10 @@ class Partial:
         except MaterialError:
             pass  # none yet, or damaged: solved anew
         found = make()
-        replace(file, packed(self.stack, found, self.error))
+        try:
+            replace(file, packed(self.stack, found, self.error))
+        except OSError as fault:
+            raise MaterialError(f"cannot be written: {fault.strerror or fault}", file=str(file)) from None
         self.files.append(file)
         return found
 

@@ -10,7 +10,7 @@ defined in `docs/solved-file.md`.
 
 from __future__ import annotations
 
-from .file import load, save
+from .file import load, save, spare
 from .packing import pack, unpack
 
-__all__ = ["load", "pack", "save", "unpack"]
+__all__ = ["load", "pack", "save", "spare", "unpack"]

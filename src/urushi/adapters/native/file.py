@@ -57,12 +57,7 @@ def save(bsdf: AddingBSDF, path: str | os.PathLike[str], *, error: float | None 
             raise MaterialError(f"found a {type(bsdf).__name__}; allowed: what solve(stack, 'adding') gives")
         if not name.endswith(ENDING):
             raise MaterialError(f"found another ending; allowed: {ENDING}")
-        if error is None:
-            accuracy = float(bsdf.solution.diagnostics.get("accuracy", 1e-3))
-            left = accuracy - float(bsdf.solution.diagnostics.get("estimated_error", accuracy))
-            digits = f"{min(max(left, 0.1 * accuracy), 0.5 * accuracy, MOST):.9e}"
-            error = float(digits[:3] + digits[-4:])  # rounded down to two of them
-        content = packed(bsdf.stack, bsdf.solution, error)
+        content = packed(bsdf.stack, bsdf.solution, spare(bsdf) if error is None else error)
         replace(Path(os.path.realpath(os.fsdecode(path))), content)
     except MaterialError as fault:
         raise MaterialError(fault.problem, where=fault.where, file=name) from None
@@ -71,6 +66,14 @@ def save(bsdf: AddingBSDF, path: str | os.PathLike[str], *, error: float | None 
             f"cannot be written: {getattr(fault, 'strerror', None) or fault}", file=name
         ) from None
     return len(content)
+
+
+def spare(bsdf: AddingBSDF) -> float:
+    """The error that `save` adds by default, relative to the peak of the BSDF for the same angle of incidence."""
+    accuracy = float(bsdf.solution.diagnostics.get("accuracy", 1e-3))
+    left = accuracy - float(bsdf.solution.diagnostics.get("estimated_error", accuracy))
+    digits = f"{min(max(left, 0.1 * accuracy), 0.5 * accuracy, MOST):.9e}"
+    return float(digits[:3] + digits[-4:])  # rounded down to two of them
 
 
 def load(path: str | os.PathLike[str], **options: Any) -> AddingBSDF:
