@@ -163,6 +163,15 @@ def test_shapes_are_those_of_the_arrays(solved, name):
 # --- places and files ------------------------------------------------------------------------------------------------
 
 
+def test_what_is_too_faint_for_single_precision_is_dark(tmp_path):
+    thick = ur.solve(ur.Stack(layers=[ur.Medium(depth=200.0, albedo=0.5)]), "adding", nodes=10)
+    native.save(thick, tmp_path / "thick.urushi.npz")
+    found = native.load(tmp_path / "thick.urushi.npz")
+    wi = np.array([[0.6, 0.0, 0.8]])
+    assert np.allclose(found.reflectance(wi), thick.reflectance(wi), atol=1e-6)
+    assert 0 < thick.transmittance(wi).min() < 1e-35 and found.transmittance(wi).max() < 1e-35
+
+
 def test_the_wrong_place_or_thing_is_refused(solved, tmp_path):
     for path, match in (
         (tmp_path / "x.npz", "ending"),

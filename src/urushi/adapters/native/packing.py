@@ -43,6 +43,8 @@ THROUGH, MIRRORED, UNDER = "above to below", "below to above", "below to below"
 PLANES = 8
 #: bits of a peak that are kept
 ROUGH = np.uint32(0xFFFFF000)
+#: less than this is not told from nothing, as peaks are kept in single precision
+FAINT = 1e-35
 #: errors that the integers have room for
 LEAST, MOST = 1e-7, 0.1
 
@@ -150,7 +152,7 @@ def pack(
         step = _step(peaks[piece.part, piece.kind], header, piece)
         x = block.values / solution.grid.etendue[piece.first :][: piece.shape[0], None]
         mirrored = back.values / solution.grid.etendue[piece.first :][: piece.shape[1], None]
-        if (np.abs(x - mirrored.swapaxes(2, 3)).sum(axis=1) > _terms(header) * step + 1e-300).any():
+        if (np.abs(x - mirrored.swapaxes(2, 3)).sum(axis=1) > _terms(header) * step + FAINT).any():
             raise MaterialError(
                 f"found operators {piece.part} that are not their own mirror image to {error:g}; allowed: "
                 "reciprocal ones"
