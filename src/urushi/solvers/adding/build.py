@@ -14,8 +14,8 @@ from ..bound import BoundStack, bind
 from ..direct import direct_is_certain
 from ..numbers import gather_numbers
 from .basis import Grid
-from .interfaces import MOST_ORDERS, RoughLayer
-from .layers import Layer, MediumLayer, SmoothLayer, numbers
+from .interfaces import MOST_ORDERS, RoughLayer, same_surface
+from .layers import Layer, MediumLayer, SmoothLayer, TurnedOver, numbers
 from .phase import MOST_TERMS, PHASES, Phase, terms
 from .resolution import panel_counts
 
@@ -96,6 +96,7 @@ def layers(
         and len(phases) == 1
     )
     found: list[Layer | None] = []
+    rough: dict[int, Layer] = {}
     for k in reversed(range(len(stack.interfaces))):
         interface, medium = stack.interfaces[k], stack.media[k + 1]
         if medium is not None:
@@ -112,5 +113,19 @@ def layers(
         alone = k == 0 and stack.opaque and bool(found) and stack.interfaces[-1].delta is not True
         few = alone and not complete and direct_is_certain(stack)
         most = max(layer.orders for layer in found if layer is not None) if few else MOST_ORDERS
-        found.append(RoughLayer(interface, grid, k, tolerance, most=most))
+        again = None if few else _met(stack, grid, k, rough)
+        rough[k] = again or RoughLayer(interface, grid, k, tolerance, most=most)
+        found.append(rough[k])
     return found[::-1]
+
+
+def _met(stack: BoundStack, grid: Grid, k: int, rough: dict[int, Layer]) -> Layer | None:
+    """The same interface further down, upright or upside down; None if there is none."""
+    sides = grid.indices[k : k + 2]
+    for j, layer in rough.items():
+        if same_surface(stack.interfaces[k], stack.interfaces[j]):
+            if grid.indices[j : j + 2] == sides:
+                return layer
+            if grid.indices[j : j + 2] == sides[::-1]:
+                return TurnedOver(layer)
+    return None

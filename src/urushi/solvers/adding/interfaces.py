@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from ...adding import Slab
-from ...interfaces import Interface
+from ...interfaces import BoundDielectric, Interface
 from ...interfaces.compensated import Compensated
 from ...interfaces.walked import Walked
 from . import wide
@@ -182,3 +182,12 @@ def lossless(interface: Interface) -> bool:
         return False
     # A conductor of index 0 - i k is the ideal mirror.
     return not interface.opaque or not np.any(np.array(single.eta))
+
+
+def same_surface(one: Interface, other: Interface) -> bool:
+    """Whether two boundaries are known to have the same facets, so that indices are all they can differ in."""
+    if not (type(one) is type(other) is BoundDielectric) or one.facets is None or other.facets is None:
+        return False
+    a, b = one.facets, other.facets
+    alphas = (np.array(x) for facets in (a, b) for x in (facets.alpha_x, facets.alpha_y))
+    return (a.ggx, a.correlated) == (b.ggx, b.correlated) and len({float(alpha[0]) for alpha in alphas}) == 1

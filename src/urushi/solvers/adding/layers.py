@@ -114,6 +114,19 @@ class MediumLayer:
         return Operator((n, n), None, r), Operator((n, n), None, t)
 
 
+class TurnedOver:
+    """A layer met again upside down, as the lower face of a sheet is its upper one."""
+
+    def __init__(self, layer: Layer) -> None:
+        self._layer, self.orders = layer, layer.orders
+
+    def first(self, orders: range) -> int:
+        return self._layer.first(orders)
+
+    def slab(self, orders: range, first: int) -> Slab:
+        return self._layer.slab(orders, first).turned_over()
+
+
 def numbers(value: Any) -> np.ndarray:
     """(C,) a number or a colour of a bound stack, out of Dr.Jit."""
     return np.atleast_1d(np.array(value, dtype=float)).reshape(-1)
