@@ -56,6 +56,10 @@ class WalkCore:
         value, _ = self.moments(wi, wo, key, seed, first, count)
         return self.spectrum((value + self.certain(wi, wo)) * self.scale(wi, wo))
 
+    def staged(self, wi: Vector, wo: Vector) -> bool:
+        """Whether one sample of each of these pairs is walked in `stages`."""
+        return self.alike and self.stack.still is None and may_stage(wi, wo)
+
     def certain(self, wi: Vector, wo: Vector) -> Array:
         """What needs no sampling, without the scale of radiance."""
         return direct(self.stack, wi, wo) if direct_is_certain(self.stack) else self.spectrum(0) + 0 * wi.x
@@ -72,7 +76,7 @@ class WalkCore:
             return estimate(self.stack, wi, wo, rng, self.spectrum, self.max_depth, staged)
 
         if isinstance(count, int) and count == 1:
-            value = one(first, self.alike and self.stack.still is None and may_stage(wi, wo))
+            value = one(first, self.staged(wi, wo))
             return value, dr.square(value)
         return self._average(wi, one, first, count, 1)
 

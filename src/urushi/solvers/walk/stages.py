@@ -19,7 +19,7 @@ from ...optics.vectors import Array, Vector, float_type, module_of
 #: turns between two packings
 TURNS = 2
 #: paths per thread from which on packing costs less than waiting
-MANY = 1 << 17
+MANY = 1 << 18
 #: numbers that are stored side by side at once
 PACKET = 8
 #: rows, a power of two, in which paths that have ended leave what nobody reads: stores without a mask need no branches
