@@ -132,7 +132,7 @@ def exits(eta: float, alphas: np.ndarray, widths: np.ndarray, thin: np.ndarray) 
 def wider(thin: np.ndarray) -> np.ndarray:
     """(N, 3): what the most likely lobe is multiplied by, fitted to sheets of alpha 0.05 to 0.3 at 0 to 60 degrees."""
     c2 = thin**2
-    return np.stack([0.96 + 0.06 * c2, 1.10 - 0.08 * c2, np.ones_like(c2)], axis=-1)
+    return np.stack([0.96 + 0.06 * c2, 1.045 - 0.025 * c2, np.ones_like(c2)], axis=-1)
 
 
 def tables() -> np.ndarray:

@@ -146,9 +146,12 @@ class LobesCore:
             through = type(wi)(wi.x * tilt, wi.y * tilt, z)
             if turned is not None and turned.through is not None:
                 through = turned.through
-            through = turned_by(through, answer.through.turn)
+            bent = turned_by(through, answer.through.turn)
             unscattered_through = None if still is None else still.through
-            lobes += self._split(answer.through, unscattered_through, through, False, "transmitted")
+            lobes += self._split(answer.through, unscattered_through, bent, False, "transmitted")
+            if answer.delayed is not None:
+                bent = turned_by(through, answer.delayed.turn)
+                lobes += self._split(answer.delayed, None, bent, False, "delayed")
         return Found(lobes, first, answer.diffuse, answer.beyond, *(answer.lit or (0.0, 0.0)))
 
     def look(self, wi: Vector, above: bool) -> Found:

@@ -115,7 +115,7 @@ def followed(bsdf: LobesBSDF, wi: np.ndarray, with_error: bool) -> Ledger:
             tally = Tally()
             answer = respond(core.stack, w, above, tally=tally)
             up = sum((beam.energy for beam in answer.reflected), answer.diffuse)
-            through = 0.0 if answer.through is None else answer.through.energy
+            through = sum((beam.energy for beam in (answer.through, answer.delayed) if beam is not None), 0.0)
             new = [up, through + answer.beyond, sum(tally.shadowed.values(), 0.0)]
             new += [tally.kept[medium, number] for medium, number, _ in keys]
             near = (w.z > 0) if above else (w.z < 0)

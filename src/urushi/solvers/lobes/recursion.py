@@ -28,7 +28,7 @@ from .medium import Particles
 from .operators import GRAZING, Boundary
 from .returns import Step, from_below, meet
 from .spread import Spread
-from .through import leaving
+from .through import leaving, wider
 from .width import Width, mean_roughness, plus
 
 
@@ -60,6 +60,7 @@ class Answer:
     Attributes:
         reflected: lobes on the side of the light, one for each interface that reflects.
         through: the lobe on the other side; None below an opaque base.
+        delayed: what went to and fro before, as a lobe of its own; None if that is in `through`.
         diffuse, beyond: energy of the diffuse light on both sides; the float 0 where there is none.
         lit: the part of `diffuse` that a rough diffuse base sent out the first time, and what it hangs on, if any.
     """
@@ -69,6 +70,7 @@ class Answer:
     diffuse: Array
     beyond: Array
     lit: matte.Lit | None = None
+    delayed: Beam | None = None
 
 
 def respond(stack: BoundStack, wi: Vector, above: bool, scatters: bool = True, tally: Any = None) -> Answer:
@@ -92,8 +94,10 @@ def respond(stack: BoundStack, wi: Vector, above: bool, scatters: bool = True, t
     reflected: list[Beam] = []
     diffuse: Array = 0.0
     straight = beyond_cos = cos
-    turn: Array = 0.0
     lobed: Array = 1.0
+    direct: Array = 1.0
+    left: tuple[Width, Array] = 0.0, 0.0
+    delayed: tuple[Width, Array] | None = None
     for k in order:
         boundary = Boundary(stack.interfaces[k], above, wi, mixes=mixes)
         # --- reflection: the lobe of this interface
@@ -138,9 +142,11 @@ def respond(stack: BoundStack, wi: Vector, above: bool, scatters: bool = True, t
         snell = boundary.refracted(cos)
         below = at_least(snell, GRAZING)
         straight, before = at_least(boundary.refracted(straight), GRAZING), straight
-        left = None
         if k in refracting and not _is_true(sharp):
-            left = leaving(boundary, before, straight, spread.down if width is not None else 0.0, turn, wi)
+            left = leaving(boundary, before, straight, *left, wi)
+            if k == refracting[-1] and k != refracting[0] and matte.clear(stack):
+                delayed = wider(left, at_most(before, straight), wi)
+        direct = direct * t.beam
         inner = dr.square(_mean(t.beam)) * _mean(up.r_bottom.beam)
         spread.cross(
             boundary.reflected,
@@ -154,8 +160,6 @@ def respond(stack: BoundStack, wi: Vector, above: bool, scatters: bool = True, t
         steps.append(step)
         cos = at_least(boundary.beyond(cos, width, spread.down), GRAZING)
         beyond_cos = snell
-        if left is not None:
-            spread.down, turn = left if k == refracting[-1] else (spread.down, left[1])
         # --- the medium beyond
         medium = stack.media[k + 1] if above else stack.media[k]
         if medium is not None:
@@ -170,17 +174,24 @@ def respond(stack: BoundStack, wi: Vector, above: bool, scatters: bool = True, t
                 passing = (((medium_r, medium_t), down),)
                 tally.met(k + 1 if above else k, step, passing, (over.slabs, times(medium_r, down)))
             arriving = times(medium_t, down)
+            direct = direct * medium_t.beam
             steps.append(step)
             if particles.scatters:
                 more, spread_by = particles.widened(cos)
                 lobed = lobed * more
                 spread.cross(0.0, spread_by, spread_by, 1.0, 0.0, 0.0, 1.0)
+                left = plus(left[0], spread_by), left[1]
                 sharp = False if scatters else sharp
         spread_above = None if _is_true(sharp) else spread.down
         width = None if spread_above is None else mean_roughness(spread_above)
     beam, rest = _lobe(arriving, lobed)
-    through = Beam(beam, spread.down, beyond_cos, sharp, len(stack.interfaces), turn)
-    return Answer(reflected, through, diffuse, rest)
+    late: Beam | None = None
+    if delayed is not None:
+        energy = at_least(beam - direct, 0)
+        late = Beam(energy, delayed[0], beyond_cos, sharp, len(stack.interfaces), delayed[1])
+        beam = beam - energy
+    through = Beam(beam, left[0], beyond_cos, sharp, len(stack.interfaces), left[1])
+    return Answer(reflected, through, diffuse, rest, delayed=late)
 
 
 def _lobe(light: Flow, factor: Array) -> tuple[Array, Array]:

@@ -33,7 +33,7 @@ class LobeTable:
         direction: (K, 3) mean direction.
         alpha: (K, 2) roughness along two axes; 0 for a delta part, nan for diffuse light.
         axis: (K,) angle of the first of these axes, in degrees from x.
-        kind: K words: "reflected", "forward", "transmitted" (see `lobe.Lobe`), "diffuse", "delta".
+        kind: K words: "reflected", "forward", "transmitted", "delayed" (see `lobe.Lobe`), "diffuse", "delta".
         layer: (K,) number of the interface that sent it; -1 where there is none in particular.
     """
 

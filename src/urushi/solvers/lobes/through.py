@@ -2,7 +2,8 @@
 
 Derivatives of refraction widen a lobe without bounds where it leaves a denser medium; the horizon, total reflection
 and masking bound it, in the plane of incidence more than across. By how much is counted (`tables.exit`, made by
-tools/lobe_exits.py), so what leaves is an anisotropic lobe, turned towards the normal.
+tools/lobe_exits.py), so what leaves is an anisotropic lobe, turned towards the normal. What went to and fro in between
+leaves in wide tails, which are a lobe of their own.
 """
 
 from __future__ import annotations
@@ -16,6 +17,8 @@ from .width import OURS, Tensor, Width, capped, mean_roughness, plus
 
 #: cosine of what is bent below the horizon
 LOWEST = 0.05
+#: how much of what one interface turns a lobe by is there beyond the next: what is turned most gets through least
+TURNED = 0.7
 
 
 def leaving(
@@ -39,9 +42,20 @@ def leaving(
     own = by * alpha
     if not (isinstance(turn, float) and turn == 0):
         # Snell's derivative, in the mean over a lobe as wide as this
-        turn = turn * cos / (boundary.eta * dr.sqrt(dr.square(beyond) + dr.square(alpha)))
+        turn = TURNED * turn * cos / (boundary.eta * dr.sqrt(dr.square(beyond) + dr.square(alpha)))
         across = across * at_most(tilted(beyond, own) / tilted(beyond, own + turn), 2.0)
     return stretched(first, OURS.factor(in_plane), OURS.factor(across), wi), own + turn
+
+
+def wider(left: tuple[Width, Array], thin: Array, wi: Vector) -> tuple[Width, Array]:
+    """The lobe of what went to and fro before it got through, by that of what did not (fitted to sheets of glass).
+
+    Args:
+        left: that, from `leaving`.
+        thin: cosine of its middle in the thinner medium.
+    """
+    flat = 1 - dr.square(thin)
+    return stretched(left[0], OURS.factor(2 - 0.8 * flat), OURS.factor(2 + 0.5 * flat), wi), left[1]
 
 
 def tilted(cos: Array, angle: Array) -> Array:
