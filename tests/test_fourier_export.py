@@ -71,7 +71,7 @@ def test_both_sides_and_colours():
     found, error = fourier_of(bsdf, nodes=40, accuracy=1e-2)
     assert found.channels == 3 and found.eta == pytest.approx(1.2)
     # What is left is between the nodes of the solution, which are few; a wrong index would be off by 0.3.
-    assert error < 4e-2 < fourier_of(bsdf, nodes=8, accuracy=1e-2)[1]
+    assert error < 6e-2 < fourier_of(bsdf, nodes=8, accuracy=1e-2)[1]
 
 
 def test_light_in_one_direction_is_refused_or_left_out_on_request(tmp_path):
