@@ -24,13 +24,8 @@ def solve(scattering: Scattering, depth: np.ndarray, albedo: np.ndarray) -> Slab
     h = depth[:, None, None] / 2
     x = h * k
     fading = h * np.divide(np.tanh(x), x, out=np.ones_like(x), where=x > 1e-8)
-    unit = np.eye(len(scattering.mu))
-
-    def half(factor: np.ndarray) -> np.ndarray:
-        found: np.ndarray = np.linalg.inv(unit + (factor * fading[:, :, None]) @ np.swapaxes(factor, 2, 3))
-        return found
-
-    alike, opposite = half(f), half(g)
+    unit, factor = np.eye(len(scattering.mu)), np.stack((f, g))
+    alike, opposite = np.linalg.inv(unit + (factor * fading[:, :, None]) @ factor.swapaxes(3, 4))
     passed = np.exp(-depth[:, None] / scattering.mu)
     return operators(
         scattering, alike - opposite, alike + opposite - unit * (1 + passed[:, None, None]), passed
@@ -50,45 +45,37 @@ def modes(scattering: Scattering, albedo: np.ndarray) -> tuple[np.ndarray, np.nd
     Raises:
         UrushiError: too few nodes for the phase function: more light is scattered than there is.
     """
-    slant = 1 / np.sqrt(scattering.mu)[:, None]
+    f, g = _roots(scattering, albedo) / np.sqrt(scattering.mu)[:, None]
+    u, k, vt = np.linalg.svd(f.swapaxes(2, 3) @ g)
+    return k, f @ u, g @ vt.swapaxes(2, 3)
+
+
+def _roots(scattering: Scattering, albedo: np.ndarray) -> np.ndarray:
+    """(2, A, M, n, n) F with F F^T = 1 - a E, and the same of O: Cholesky's factors."""
+    unit = np.eye(len(scattering.mu))
+    left = unit - albedo[:, None, None, None] * np.stack((scattering.even, scattering.odd))[:, None]
+    # Where next to nothing is lost, the largest eigenvalue of E is 1: it has no such factor, and eigenvectors make one.
     lasting = (albedo > CONSERVED) & (scattering.first == 0)
-    f = slant * _root(scattering.even, albedo, lasting)
-    g = slant * _root(scattering.odd, albedo, lasting & False)
-    u, k, vt = np.linalg.svd(np.swapaxes(f, 2, 3) @ g)
-    return k, f @ u, g @ np.swapaxes(vt, 2, 3)
-
-
-def _root(scattered: np.ndarray, albedo: np.ndarray, lasting: np.ndarray) -> np.ndarray:
-    """(A, M, n, n) F with F F^T = 1 - a E: Cholesky's factor.
-
-    Args:
-        scattered: (M, n, n) E.
-        albedo: (A,) a.
-        lasting: (A,) where the first matrix loses next to nothing: its largest eigenvalue is 1, so that at albedo 1
-            there is no such factor, and eigenvectors make one.
-    """
-    unit = np.eye(scattered.shape[1])
-    left = unit - albedo[:, None, None, None] * scattered
-    left[lasting, 0] = unit
+    left[0, lasting, 0] = unit
     found = np.empty(left.shape)
     try:  # from the horizon on, where light fades fastest: that keeps ten times as many digits
         found[..., ::-1, :] = np.linalg.cholesky(left[..., ::-1, ::-1])
     except np.linalg.LinAlgError:
-        raise _too_few(scattered) from None
+        raise _too_few(scattering) from None
     if lasting.any():
-        value, vector = np.linalg.eigh(scattered[0])
+        value, vector = np.linalg.eigh(scattering.even[0])
         if abs(value[-1] - 1) < 1e-10:
             value[-1] = 1  # the columns were normalised: this one is known
         if value[-1] > 1:
-            raise _too_few(scattered)
-        found[lasting, 0] = vector * np.sqrt(1 - albedo[lasting, None, None] * value)
+            raise _too_few(scattering)
+        found[0, lasting, 0] = vector * np.sqrt(1 - albedo[lasting, None, None] * value)
     return found
 
 
-def _too_few(scattered: np.ndarray) -> UrushiError:
-    most = np.linalg.eigvalsh(scattered).max()
+def _too_few(scattering: Scattering) -> UrushiError:
+    most = max(np.linalg.eigvalsh(matrix).max() for matrix in (scattering.even, scattering.odd))
     return UrushiError(
-        f"phase function: {scattered.shape[1]} nodes make it scatter {most} of the light; use more nodes"
+        f"phase function: {len(scattering.mu)} nodes make it scatter {most} of the light; use more nodes"
     )
 
 

@@ -78,12 +78,10 @@ def operators(scattering: Scattering, depth: np.ndarray, albedo: np.ndarray) -> 
     """
     mu, root = scattering.mu, np.sqrt(scattering.weights)
     scale = 0.5 * np.atleast_1d(albedo)[:, None, None] * (root[:, None] / root)
-    r = scale * reflected(depth, mu[None, :], mu[:, None])
-    t = scale * transmitted(depth, mu[None, :], mu[:, None])
-    even, odd = scattering.even, scattering.odd
-    return r[:, None] * (even - odd), t[:, None] * (even + odd)
+    r = scale * reflected(depth, mu, mu[:, None])
+    t = scale * transmitted(depth, mu, mu[:, None])
+    return r[:, None] * (scattering.even - scattering.odd), t[:, None] * (scattering.even + scattering.odd)
 
 
 def _column(depth: np.ndarray, mu_i: np.ndarray, mu_o: np.ndarray) -> np.ndarray:
-    ndim = np.broadcast(mu_i, mu_o).ndim
-    return np.reshape(np.asarray(depth, float), (-1,) + (1,) * ndim)
+    return np.asarray(depth, float).reshape(-1, *(1,) * max(np.ndim(mu_i), np.ndim(mu_o)))

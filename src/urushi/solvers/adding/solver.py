@@ -130,7 +130,8 @@ class _Gathered:
             np.maximum(own, some.max(axis=0, initial=0.0), out=own)
             seen = self.grid.mu[0 if self.side[0] else -1][found.first :] > GRAZING
             relative = some / np.maximum(own, 1e-6 * self.highest.max(initial=1e-300)) * seen
-            height[: len(some)] = np.stack([a.max(axis=1, initial=0.0) for a in (some, relative)], axis=1)
+            height[: len(some), 0] = some.max(axis=1, initial=0.0)
+            height[: len(some), 1] = relative.max(axis=1, initial=0.0)
         return height
 
     def _scale(self, first: int) -> np.ndarray:
