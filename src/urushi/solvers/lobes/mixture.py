@@ -7,6 +7,8 @@ from typing import Any
 
 import drjit as dr
 
+from ...interfaces.base import Frame
+from ...optics.microfacet import Microfacets
 from ...optics.vectors import Array, Vector, at_least, channels, total
 from ..facet_lobe import Lobe
 
@@ -56,10 +58,11 @@ class Mixture:
 
     def sample(self, wi: Vector, u: Vector) -> tuple[Vector, Array, Array, Any]:
         """(wo, probability of the delta part chosen, what it carries, mask of delta lanes)."""
-        wo, below = type(wi)(0, 0, 0), 0 * wi.x
+        chosen, below = Chosen(wi), 0 * wi.x
         for lobe in self.lobes:
-            wo = dr.select((u.x >= below) & (lobe.share > 0), lobe.sample(wi, u.y, u.z), wo)
+            chosen.offer(lobe, (u.x >= below) & (lobe.share > 0))
             below = below + lobe.share
+        wo = chosen.sample(wi, u.y, u.z)
         if self.mirror is None or self.straight is None:
             return wo, 0 * wi.x, 0 * wi.x, False
         mirrored = (u.x >= below) & (self.mirror > 0)
@@ -69,6 +72,54 @@ class Mixture:
         probability = dr.select(onward, self.straight, dr.select(mirrored, self.mirror, 0))
         carried = dr.select(onward, self.transmitted, dr.select(mirrored, self.reflected, 0))
         return wo, probability, carried, mirrored | onward
+
+
+class Chosen:
+    """The lobe that a lane has chosen, so that one direction is sampled, not one of every lobe.
+
+    Args:
+        wi: a direction.
+    """
+
+    def __init__(self, wi: Vector) -> None:
+        self._any: Any = False
+        self._up: Any = False
+        self._even: Any = False
+        self._axis: Vector | None = None
+        self._alphas: tuple[Array, Array] = (0.0, 0.0)
+        self._turn: tuple[Array, Array] = (0 * wi.x, 1 + 0 * wi.x)
+        self._turned = False
+
+    def offer(self, lobe: Lobe, mask: Any) -> None:
+        """Another lobe; lanes in the mask choose it instead of any before."""
+        self._any = self._any | mask
+        self._up = dr.select(mask, lobe.up, self._up)
+        self._even = dr.select(mask, lobe.facets is None, self._even)
+        if lobe.facets is None or lobe.axis is None or lobe.frame is None:
+            return
+        alphas = lobe.facets.alpha_x, lobe.facets.alpha_y
+        turn = (lobe.frame.sin, lobe.frame.cos) if lobe.frame.turned else (0.0, 1.0)
+        self._turned = self._turned or lobe.frame.turned
+        if self._axis is None:
+            self._axis, self._alphas = lobe.axis, alphas
+            self._turn = turn[0] + self._turn[0], turn[1] * self._turn[1]
+            return
+        self._axis = dr.select(mask, lobe.axis, self._axis)
+        x, y = (dr.select(mask, new, old) for new, old in zip(alphas, self._alphas, strict=True))
+        self._alphas = x, y
+        sin, cos = (dr.select(mask, new, old) for new, old in zip(turn, self._turn, strict=True))
+        self._turn = sin, cos
+
+    def sample(self, wi: Vector, u1: Array, u2: Array) -> Vector:
+        """A direction; none at all (all components 0) where nothing was chosen."""
+        o = Lobe(0.0, True).sample(wi, u1, u2)
+        if self._axis is not None:
+            frame = Frame(0.0)
+            frame.turned = self._turned
+            frame.sin, frame.cos = self._turn
+            facets = Microfacets(*self._alphas, "ggx", "separable")
+            o = dr.select(self._even, o, Lobe(0.0, True, self._axis, facets, frame).sample(wi, u1, u2))
+        return dr.select(self._any, type(wi)(o.x, o.y, dr.select(self._up, o.z, -o.z)), type(wi)(0, 0, 0))
 
 
 def _mean(value: Array) -> Array:
