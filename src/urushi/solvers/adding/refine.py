@@ -20,9 +20,9 @@ from .solution import Part, Solution
 
 #: (from above, to above)
 Side = tuple[bool, bool]
-#: cosines of incidence that are compared (normal incidence is a node, and flatters: next to it lobes take more nodes);
+#: cosines of incidence that are compared (normal incidence is a node: beside it, lobes may take more);
 #: `OFFSETS` from the mirror direction in polar angle, `AZIMUTHS` in azimuth
-COSINES = np.array([0.996, 0.96, 0.83, 0.68, 0.52, 0.37, 0.23, 0.11])
+COSINES = np.array([1.0, 0.996, 0.96, 0.83, 0.68, 0.52, 0.37, 0.23, 0.11])
 OFFSETS = np.radians([0, 0.7, -1.1, 2.3, -3.1, 5.7, -7.9, 13.0, -17.0, 31.0, -41.0, 57.0])
 AZIMUTHS = np.radians([0, 0.9, 3.7, 11.0, 29.0, 75.0, 120.0, 180.0])
 #: what the number of nodes is multiplied with
