@@ -301,3 +301,20 @@ def test_an_unknown_option_is_refused_by_name() -> None:
     """A misspelt option is no TypeError from within: it names the option and what is allowed."""
     with pytest.raises(ur.UrushiError, match=r"sampels.*did you mean 'samples'"):
         ur.solve(ur.load("preset:plastic"), sampels=3)
+
+
+# -------------------------------------------------------------------------------------------- one strategy or two
+
+
+def test_a_broad_base_is_connected_to_and_no_more() -> None:
+    """Known to be broad, a base is connected to only: the same light, less noise where a mirror would send it."""
+    stack = ur.Stack(layers=[ur.Dielectric(ior=1.5, alpha=0.1), ur.Conductor(eta=0.2, k=3.9, alpha=0.2)])
+    wi = np.concatenate([WI, WI])
+    wo = np.concatenate([WI * (-1, -1, 1), WO])
+    alone, error = (x[:, 0] for x in solve(stack, 1 << 15).eval(wi, wo, with_error=True))
+    unknown = {"layer_1.alpha": np.full(len(wi), 0.2)}
+    both, more = (x[:, 0] for x in solve(stack, 1 << 15, parameters=unknown).eval(wi, wo, with_error=True))
+    exact = ur.solve(stack, "adding", accuracy=3e-4).eval(wi, wo)[:, 0]
+    for value, noise in ((alone, error), (both, more)):
+        assert np.all(np.abs(value - exact) < 4 * noise + 1e-3 * exact)
+    assert np.all(error[:2] < 0.8 * more[:2])

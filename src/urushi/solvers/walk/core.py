@@ -60,6 +60,12 @@ class WalkCore:
         """Whether one sample of each of these pairs is walked in `stages`."""
         return self.alike and self.stack.still is None and may_stage(wi, wo)
 
+    def once(self, wi: Vector, wo: Vector, seed: Array) -> Array:
+        """One sample of f |cos wo|, what is certain included, without the scale of radiance."""
+        rng, certain = generator(wi, [*wi, *wo], seed, 0), self.certain(wi, wo)
+        staged = self.staged(wi, wo)
+        return estimate(self.stack, wi, wo, rng, self.spectrum, self.max_depth, staged, certain)
+
     def certain(self, wi: Vector, wo: Vector) -> Array:
         """What needs no sampling, without the scale of radiance."""
         return direct(self.stack, wi, wo) if direct_is_certain(self.stack) else self.spectrum(0) + 0 * wi.x

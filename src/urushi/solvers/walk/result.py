@@ -94,12 +94,11 @@ class WalkBSDF(BSDF):
         self._may_err(with_error)
         if dr.is_array_v(wi):
             core, _ = self._core(module_of(wi))
-            certain = core.certain(wi, wo)
-            if self.samples == 1 and core.staged(wi, wo):
-                dr.schedule(certain)  # by the first stage, which has the directions at hand
-            mean, square = core.moments(wi, wo, (), self.seed, 0, self.samples)
             scale = core.scale(wi, wo)
-            value = self._colour((mean + certain) * scale, wi)
+            if self.samples == 1:
+                return self._colour(core.once(wi, wo, self.seed) * scale, wi)
+            mean, square = core.moments(wi, wo, (), self.seed, 0, self.samples)
+            value = self._colour((mean + core.certain(wi, wo)) * scale, wi)
             error = dr.sqrt(dr.maximum(square - dr.square(mean), 0) / max(self.samples - 1, 1)) * scale
             return (value, self._colour(error, wi)) if with_error else value
 

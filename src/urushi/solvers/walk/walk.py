@@ -13,8 +13,8 @@ At every vertex next to the way out two strategies estimate the same light, join
     connect   go on along the exit ray that was sampled backwards from wo (`exit`);
     arrive    go on along a sampled direction and see how much of it the exit interface sends along wo.
 
-See theory (walk.5, walk.6, walk.9 to walk.12). Where every vertex is flat (diffuse, or nearly isotropic scattering),
-connecting is as good as it gets and stands alone.
+See theory (walk.5, walk.6, walk.9 to walk.12). Where every vertex is broad (diffuse, nearly isotropic scattering, a base
+that is known to be no sharper than `BROAD` and its coat), connecting is as good as it gets and stands alone.
 """
 
 from __future__ import annotations
@@ -51,6 +51,7 @@ def estimate(
     spectrum: Any,
     max_depth: int | None = None,
     staged: bool = False,
+    certain: Array = 0,
 ) -> Array:
     """One sample of the flux density f |cos wo| of all light but what `direct` can tell for certain.
 
@@ -61,8 +62,9 @@ def estimate(
         spectrum: type of a colour, or of a number where nothing in the stack is coloured.
         max_depth: most scattering events inside; None for no limit.
         staged: whether to pack paths on the way (`stages`); the numbers of the stack must be the same for all lanes.
+        certain: what is known for certain, to be added to.
     """
-    seen = spectrum(0) if direct_is_certain(stack) else spectrum(0 + direct(stack, wi, wo, rng))
+    seen = spectrum(certain if direct_is_certain(stack) else certain + direct(stack, wi, wo, rng))
     if len(stack.interfaces) == 1:
         return seen + 0 * wi.x
     way_out = sample_exit(stack, wo, rng, spectrum)
