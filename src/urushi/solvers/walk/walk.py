@@ -13,8 +13,8 @@ At every vertex next to the way out two strategies estimate the same light, join
     connect   go on along the exit ray that was sampled backwards from wo (`exit`);
     arrive    go on along a sampled direction and see how much of it the exit interface sends along wo.
 
-See theory (walk.5, walk.6, walk.9 to walk.12). Where every vertex is broad (diffuse, nearly isotropic scattering, a base
-that is known to be no sharper than `BROAD` and its coat), connecting is as good as it gets and stands alone.
+See theory (walk.5, walk.6, walk.9 to walk.12). Where every vertex is broad (diffuse, nearly isotropic scattering,
+a base known to be no sharper than `BROAD` and its coat), connecting is as good as it gets and stands alone.
 """
 
 from __future__ import annotations
