@@ -13,6 +13,7 @@ for any number of lights, with derivatives in every parameter.
     mixture    what is sampled                          core        all of it, as a BSDF on Dr.Jit arrays
     through    what leaves on the far side                  matte       rough diffuse bases
     slopes     interfaces with normals of their own     returns     what goes back and forth between layers
+    angular    all of it by the angle alone, looked up  rows        the table for that
 
 Sources: Belcour 2018; Weier & Belcour 2020 (anisotropy); de Dinechin & Belcour 2022 (diffuse bases).
 """
