@@ -31,7 +31,7 @@ MEMORY, CACHE = 1 << 26, 1 << 17
 #: the search ends after so many orders in a row that hold next to nothing
 QUIET = 4
 #: cosine of incidence from which on each node's own light counts, and how much more of it may be left out
-GRAZING, OWN = 0.06, 4
+GRAZING, OWN = 0.06, 2
 #: more orders than this are not looked for
 MOST_ORDERS = 1 << 14
 
