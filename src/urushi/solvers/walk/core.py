@@ -56,15 +56,12 @@ class WalkCore:
         value, _ = self.moments(wi, wo, key, seed, first, count)
         return self.spectrum((value + self.certain(wi, wo)) * self.scale(wi, wo))
 
-    def staged(self, wi: Vector, wo: Vector) -> bool:
-        """Whether one sample of each of these pairs is walked in `stages`."""
-        return self.alike and self.stack.still is None and may_stage(wi, wo)
-
     def once(self, wi: Vector, wo: Vector, seed: Array) -> Array:
-        """One sample of f |cos wo|, what is certain included, without the scale of radiance."""
+        """One sample of f |cos wo|, what is certain included; of many pairs in `stages`."""
         rng, certain = generator(wi, [*wi, *wo], seed, 0), self.certain(wi, wo)
-        staged = self.staged(wi, wo)
-        return estimate(self.stack, wi, wo, rng, self.spectrum, self.max_depth, staged, certain)
+        staged = self.alike and self.stack.still is None and may_stage(wi, wo)
+        value = estimate(self.stack, wi, wo, rng, self.spectrum, self.max_depth, staged, certain)
+        return self.spectrum(value * self.scale(wi, wo))
 
     def certain(self, wi: Vector, wo: Vector) -> Array:
         """What needs no sampling, without the scale of radiance."""
@@ -77,12 +74,12 @@ class WalkCore:
         if len(self.stack.interfaces) == 1 and direct_is_certain(self.stack):
             return self.spectrum(0) + 0 * wi.x, self.spectrum(0) + 0 * wi.x
 
-        def one(i: Array, staged: bool = False) -> Array:
+        def one(i: Array) -> Array:
             rng = generator(wi, [*wi, *wo, *key], seed, i)
-            return estimate(self.stack, wi, wo, rng, self.spectrum, self.max_depth, staged)
+            return estimate(self.stack, wi, wo, rng, self.spectrum, self.max_depth)
 
         if isinstance(count, int) and count == 1:
-            value = one(first, self.staged(wi, wo))
+            value = one(first)
             return value, dr.square(value)
         return self._average(wi, one, first, count, 1)
 

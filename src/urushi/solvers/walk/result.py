@@ -94,10 +94,10 @@ class WalkBSDF(BSDF):
         self._may_err(with_error)
         if dr.is_array_v(wi):
             core, _ = self._core(module_of(wi))
-            scale = core.scale(wi, wo)
             if self.samples == 1:
-                return self._colour(core.once(wi, wo, self.seed) * scale, wi)
+                return self._colour(core.once(wi, wo, self.seed), wi)
             mean, square = core.moments(wi, wo, (), self.seed, 0, self.samples)
+            scale = core.scale(wi, wo)
             value = self._colour((mean + core.certain(wi, wo)) * scale, wi)
             error = dr.sqrt(dr.maximum(square - dr.square(mean), 0) / max(self.samples - 1, 1)) * scale
             return (value, self._colour(error, wi)) if with_error else value
@@ -109,6 +109,10 @@ class WalkBSDF(BSDF):
             return (*core.moments(a, b, (), self._uint(self.seed), first, count), certain, scale)
 
         pair = same_count(directions(wi, "wi"), directions(wo, "wo"), "wi and wo")
+        if self.samples == 1:
+            seed = self._uint(self.seed)
+            (value,) = self._map(lambda core, lanes: (core.once(*lanes, seed),), pair)
+            return self._shaped((value,), wi, wo)
         mean, error, certain, scale = self._estimate(launch, pair, 2)
         value = (mean + certain) * scale
         return self._shaped((value, error * scale) if with_error else (value,), wi, wo)
