@@ -36,10 +36,10 @@ class Grid:
         """The table over the remaining axes, for places along the first that are the same for all lanes; else None.
 
         Args:
-            places: along the first axes.
+            places: along the first axes, u along the last of them.
             name: of this table, to keep the result by.
         """
-        number = type(places[0])
+        number = type(places[-1])
         if number is float:
             return None
 
@@ -71,7 +71,7 @@ class Grid:
         """Every channel.
 
         Args:
-            places: along each axis u in [0, 1], or an `int` that names a node.
+            places: along each axis u in [0, 1], or a whole number that names a node.
             like: a value whose type the answer has.
         """
         number = type(like)
@@ -89,7 +89,7 @@ class Grid:
         index, axes = whole(0), []
         stride = 1
         for n, place in zip(reversed(self.shape), reversed(places), strict=True):
-            if isinstance(place, int):
+            if isinstance(place, int) or dr.is_unsigned_v(place):
                 index = index + place * stride
             else:
                 x = place * (n - 1)

@@ -61,7 +61,11 @@ def _of(kind: tuple[str, str], width: Array | None) -> tuple[str, str]:
 
 
 def _side(eta: Array) -> Array:
-    return dr.select(eta >= 1, 0.0 * eta, 1.0 + 0 * eta)
+    """The node of the side: a whole number, between which there is nothing to interpolate."""
+    if isinstance(eta, float):
+        return 0 if eta >= 1 else 1
+    whole = dr.uint32_array_t(type(eta))
+    return dr.select(eta >= 1, whole(0), whole(1))
 
 
 def dielectric(
