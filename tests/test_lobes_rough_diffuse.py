@@ -56,8 +56,22 @@ CASES: dict[str, tuple[list, float, float]] = {
     "coat 2.0": ([ur.Dielectric(ior=2.0, alpha=0.3), _matte(0.5, **WALK)], 0.01, 0.04),
     "three": (
         [ur.Dielectric(ior=1.5, alpha=0.3), ur.Dielectric(ior=2.0, alpha=0.3), _matte(0.5, **WALK)],
-        0.01,
-        0.04,
+        0.006,
+        0.02,
+    ),
+    "absorbing": (
+        [ur.Dielectric(ior=1.5, alpha=0.3), ur.Medium(depth=0.5, albedo=0.0), _matte(0.8, **WALK)],
+        0.006,
+        0.05,
+    ),
+    "scattering": (
+        [
+            ur.Dielectric(ior=1.5, alpha=0.3),
+            ur.Medium(depth=0.5, albedo=0.95, phase=ur.HenyeyGreenstein(g=0.5)),
+            _matte(0.5, **WALK),
+        ],
+        0.006,
+        0.03,
     ),
 }
 QUICK = ("0.8 {}", "0.3 {'multiple_scattering': 'walk'}", "coat 0.3, 0.8 {}")

@@ -94,7 +94,8 @@ class Matte:
 
     def even(self, like: Array) -> Array:
         """What it reflects of light that comes evenly from all directions."""
-        return self._sum(*self._even(like))
+        one, two, more, tail = self._even(like)
+        return self._sum(one, two, more, tail)
 
     def unshadowed(self, cos: Array) -> tuple[Array, Array]:
         """What white facets that send light on once would reflect, of a beam and of even light; 1 where all goes on."""
@@ -112,10 +113,9 @@ class Matte:
         """
         share = self.albedo(cos, rim) / at_least(self.albedo(cos), 1e-6)
         out, back = up.t_up, up.r_bottom
-        passed = out.diffuse * share
         return up._replace(
-            t_up=Flow(out.beam, out.scattered, passed),
-            r_bottom=Flow(back.beam, back.scattered, back.diffuse + out.diffuse - passed),
+            t_up=Flow(out.beam, out.scattered, out.diffuse * share),
+            r_bottom=back + Flow(0.0, 0.0, out.diffuse * (1 - share)),
         )
 
     def _even(self, like: Array) -> list[Array]:
@@ -144,7 +144,7 @@ def rim(stack: BoundStack) -> Array:
     lowest: Array = 1.0
     for index in stack.indices[:-2]:
         lowest = at_most(lowest, index / stack.indices[-2])
-    return dr.sqrt(at_least(1 - dr.square(lowest), 1e-12))
+    return dr.select(lowest < 1, dr.sqrt(at_least(1 - dr.square(lowest), 1e-12)), 0.0)
 
 
 def clear(stack: BoundStack) -> bool:

@@ -19,12 +19,13 @@ from typing import Any
 
 import drjit as dr
 
-from ...interfaces import BoundDielectric, BoundDiffuse
+from ...interfaces import BoundDielectric, BoundDiffuse, RoughDiffuse
 from ...optics.vectors import Array, Vector, at_least, at_most, channels, total
 from ..bound import BoundStack
 from . import matte
 from .flow import BEAM, Flow, bounce, times
 from .medium import Particles
+from .moments import EVEN, Moments
 from .operators import GRAZING, Boundary
 from .returns import Step, from_below, meet
 from .spread import Spread
@@ -114,9 +115,9 @@ def respond(stack: BoundStack, wi: Vector, above: bool, scatters: bool = True, t
         first = times(r, arriving)
         lit = None
         if boundary.matte is not None and matte.clear(stack):
-            even_out = up.t_up.diffuse
+            white = times(up.t_up, Flow(0.0, Moments(*EVEN) if mixes else 1.0, 0.0)).spread
             up = boundary.matte.leaves(up, straight, matte.rim(stack))
-            lit = matte.Lit(up.t_up.diffuse * first.scattered, even_out * arriving.beam)
+            lit = matte.Lit(times(up.t_up, first).spread, white * arriving.beam)
         more = bounce(later.r_bottom, later_r, times(up.r_bottom, first))
         again = times(later_r, more)
         sent = times(up.t_up, first) + times(later.t_up, again)
@@ -213,7 +214,7 @@ def _mixes(stack: BoundStack) -> bool:
     through = sum(
         isinstance(interface.single or interface, BoundDielectric) for interface in stack.interfaces
     )
-    return isinstance(stack.interfaces[-1], BoundDiffuse) and (through > 1 or bool(media))
+    return isinstance(stack.interfaces[-1], (BoundDiffuse, RoughDiffuse)) and (through > 1 or bool(media))
 
 
 def _refracting(stack: BoundStack, order: range) -> list[int]:
