@@ -237,6 +237,12 @@ def test_a_sample_of_what_layers_make_of_diffuse_light_is_made_anew() -> None:
     np.testing.assert_allclose(dielectric[0, 4, 5], lobe_mixing.dielectric(eta, alpha), atol=1e-3)
     np.testing.assert_allclose(dielectric[1, 4, 5], lobe_mixing.dielectric(1 / eta, alpha), atol=1e-3)
     np.testing.assert_allclose(metal[5], lobe_mixing.metal(alpha), atol=1e-3)
+    with np.load(data / "mixing.npz") as file:
+        backs = file["backs"][1, 3, 2, 3] * tables.STEP
+    eta = 1 / float(axes.ratios(axes.BACK_INDICES)[3])
+    alphas, widths = axes.squares(axes.BACK_ROUGHNESSES)[2:3], axes.squares(axes.BACK_WIDTHS)[3:4]
+    made = lobe_mixing.back(eta, alphas, widths, axes.cosines(eta, axes.BACK_ENTRIES))
+    np.testing.assert_allclose(backs, made[0, 0], atol=1e-3)
     g, albedo, depth = 9, 4, 8
     made = lobe_mixing.slabs(range(g, g + 1), range(albedo, albedo + 1))
     with np.load(data / "slabs.npz") as file:

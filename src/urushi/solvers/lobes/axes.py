@@ -22,6 +22,8 @@ ENTRIES = 25
 SHEETS, SHEET_COSINES = 11, 17
 #: nodes along index, roughness, width and cosine for what gets through an interface
 EXIT_INDICES, EXIT_ROUGHNESSES, EXIT_WIDTHS, EXIT_COSINES = 8, 9, 7, 15
+#: nodes along index, roughness, width and cosine for the moments of what comes back down
+BACK_INDICES, BACK_ROUGHNESSES, BACK_WIDTHS, BACK_ENTRIES = 8, 7, 5, 13
 #: nodes along the mean cosine of a lobe
 MEANS = 33
 #: nodes along the azimuth, in its squared sine

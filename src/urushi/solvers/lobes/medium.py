@@ -32,7 +32,7 @@ from .width import OURS, PUBLISHED
 MEAN_COSINES = (-0.9, 0.98)
 GS, ALBEDOS, DEPTHS, COSINES = 13, 12, 15, 11
 #: powers of g: the share of scattered light whose energy is that of a beam, and the share that leaves as a lobe
-STRAIGHT, FORWARD = 4.0, 1.5
+STRAIGHT, FORWARD = 2.75, 1.5
 
 
 class Particles:
@@ -78,20 +78,18 @@ class Particles:
     def layer(self, cos: Array) -> tuple[Flow, Flow]:
         """(reflection, transmission) for a beam of this cosine."""
         beam = self.passed(cos)
-        depth = self.medium.depth + 0 * cos
-        passed = of_powers(_means(depth)) if self.mixes else even_decay(depth)
         if not self.scatters:
+            depth = self.medium.depth + 0 * cos
+            passed = of_powers(_means(depth)) if self.mixes else even_decay(depth)
             return Flow(0.0, 0.0, 0.0), Flow(beam, 0.0, passed)
-        slab = self._table("slab", cos)
-        up, down = Moments(*slab[:COUNT]), Moments(*slab[COUNT:])
+        unscattered, slab = self._unscattered(cos), self._table("slab", cos)
+        up, down = (Moments(*some) * (1 - unscattered) for some in (slab[:COUNT], slab[COUNT:]))
         # What is counted as a beam although it was scattered.
-        forward = at_most(beam - self._unscattered(cos), down.parts[0])
+        forward = at_most(beam - unscattered, down.parts[0])
         straight = Moments(*(-value for value in polynomials(cos)))
         shapes = self._table("shapes", None, like=cos)
-        return (
-            Flow(0.0, up, Mixing.told(shapes[: COUNT**2])),
-            Flow(beam, down + straight * forward, Mixing.told(shapes[COUNT**2 :]) + passed),
-        )
+        r, t = Mixing.told(shapes[: COUNT**2]), Mixing.told(shapes[COUNT**2 :])
+        return Flow(0.0, up, r), Flow(beam, down + straight * forward, t)
 
     def _table(self, name: str, cos: Array | None, like: Array | None = None) -> list[Array]:
         """Moments of what is scattered up, and then down: of a beam, or of each polynomial."""

@@ -3,6 +3,8 @@
     dielectric      side, index ratio, roughness -> moments of what is reflected and transmitted, of each polynomial
     metal           roughness -> weights of the reflectance at `tables.METAL`, likewise
 
+    backs           side, index ratio, roughness, width, cosine -> moments of what comes back down of what entered
+
 All are made of single scattering at facets of GGX (tools/lobe_mixing.py). Interfaces of another kind send out the same
 light, in proportion to what they do of even light; the complete ones send out, evenly, what facets sent to one another.
 """
@@ -20,7 +22,7 @@ from ...optics.fresnel import fresnel_conductor
 from ...optics.vectors import Array, at_least
 from . import axes, tables
 from .grid import Grid
-from .moments import COUNT, EVEN, Mixing
+from .moments import COUNT, EVEN, Mixing, Moments
 from .settled import settled
 
 
@@ -60,6 +62,24 @@ def dielectric(
         own, common = (tables.dielectric_diffuse(k, eta, alpha, like) for k in (kind, tables.COMMON))
         r, t = (m * (a / at_least(b, 1e-6)) for m, a, b in zip((r, t), own, common, strict=True))
     return r.completed(t) if full else (r, t)
+
+
+def backs(cos: Array, eta: Array, alpha: Array, width: Array) -> Moments:
+    """Light that entered through a dielectric, was sent up by a mirror, and is sent back down: its moments per energy.
+
+    Args:
+        cos: cosine of incidence, before it entered.
+        eta: index below over index above.
+        alpha: roughness of the interface.
+        width: of the mirror that would send the light up as wide as it is.
+    """
+    places = [
+        dr.select(eta >= 1, 0.0 * cos, 1.0 + 0 * cos),
+        axes.along_ratio(eta + 0 * cos),
+        *(axes.along_square(a + 0 * cos) for a in (alpha, width)),
+        axes.along_cosine(cos, eta),
+    ]
+    return Moments(1.0 + 0 * cos, *_grid("backs")(places, cos))
 
 
 def metal(kind: tuple[str, str], eta: Array, k: Array, alpha: Array, full: bool, like: Array) -> Mixing:

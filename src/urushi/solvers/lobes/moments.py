@@ -1,12 +1,12 @@
 """Diffuse light by its first moments: how much, and how it lies between the normal and the horizon.
 
 What particles scatter is not even: from a thin slab most leaves near the horizon, and what a boundary reflects totally
-stays there. Three numbers tell it well enough, the moments of the flux by Legendre's polynomials of 2 c - 1, c the
+stays there. Four numbers tell it well enough, the moments of the flux by Legendre's polynomials of 2 c - 1, c the
 cosine:
 
-    a_p = integral P_p(2 c - 1) f(c) dc        f(c) = sum_p (2 p + 1) a_p P_p(2 c - 1)        p = 0, 1, 2
+    a_p = integral P_p(2 c - 1) f(c) dc        f(c) = sum_p (2 p + 1) a_p P_p(2 c - 1)        p = 0 to 3
 
-The first is the energy. Even light, f = 2 c, has (1, 1/3, 0). A layer mixes moments: a matrix of three by three, from
+The first is the energy. Even light, f = 2 c, has (1, 1/3, 0, 0). A layer mixes moments: a matrix of four by four, from
 tables of what it makes of each of the polynomials (`tables.mixing`, `medium`). See theory (lobes.9).
 """
 
@@ -19,13 +19,13 @@ import numpy as np
 from ...optics.vectors import Array
 
 #: how many
-COUNT = 3
+COUNT = 4
 
 
-def polynomials(c: Any) -> tuple[Any, Any, Any]:
+def polynomials(c: Any) -> tuple[Any, ...]:
     """P_p(2 c - 1), which are the moments of a beam of unit energy."""
     x = 2 * c - 1
-    return 1 + 0 * x, x, 1.5 * x * x - 0.5
+    return 1 + 0 * x, x, 1.5 * x * x - 0.5, (2.5 * x * x - 1.5) * x
 
 
 class Moments:
@@ -63,7 +63,7 @@ class Mixing:
     @classmethod
     def evened(cls, reflectance: Array) -> Mixing:
         """That of a surface which sends back even light, whatever comes."""
-        return cls([[reflectance * even, 0.0, 0.0] for even in EVEN])
+        return cls([[reflectance * even, *[0.0] * (COUNT - 1)] for even in EVEN])
 
     def __add__(self, other: Mixing) -> Mixing:
         return Mixing(
@@ -92,7 +92,7 @@ class Mixing:
 
 
 #: moments of even light
-EVEN = (1.0, 1 / 3, 0.0)
+EVEN = (1.0, 1 / 3, 0.0, 0.0)
 
 
 def energy(light: Any) -> Array:
@@ -101,25 +101,29 @@ def energy(light: Any) -> Array:
 
 
 def inverse(loop: Mixing) -> Mixing:
-    """(1 - loop)^-1, by cofactors."""
-    (a, b, c), (d, e, f), (g, h, i) = (
-        [(1.0 if p == j else 0.0) - value for j, value in enumerate(row)] for p, row in enumerate(loop.rows)
-    )
-    first, second, third = e * i - f * h, f * g - d * i, d * h - e * g
-    scale = 1 / (a * first + b * second + c * third)
+    """(1 - loop)^-1, by Gauss's elimination: no light grows from bounce to bounce, so no pivot is 0."""
     rows = [
-        [first, c * h - b * i, b * f - c * e],
-        [second, a * i - c * g, c * d - a * f],
-        [third, b * g - a * h, a * e - b * d],
+        [(1.0 if p == j else 0.0) - value for j, value in enumerate(row)]
+        + [1.0 if p == j else 0.0 for j in range(COUNT)]
+        for p, row in enumerate(loop.rows)
     ]
-    return Mixing([[value * scale for value in row] for row in rows])
+    for n in range(COUNT):
+        scale = 1 / rows[n][n]
+        rows[n] = [_times(value, scale) for value in rows[n]]
+        for p in range(COUNT):
+            if p != n:
+                factor = -rows[p][n]
+                rows[p] = [
+                    _plus(value, _times(mine, factor)) for value, mine in zip(rows[p], rows[n], strict=True)
+                ]
+    return Mixing([row[COUNT:] for row in rows])
 
 
 def of_powers(means: list[Array]) -> Mixing:
     """The mixing of a layer that takes the share of light that the cosine says, and changes no direction.
 
     Args:
-        means: the integrals over (0, 1) of that share times c^n dc, n = 0 to 4.
+        means: the integrals over (0, 1) of that share times c^n dc, n = 0 to 2 COUNT - 2.
     """
     rows: list[list[Array]] = []
     for p in range(COUNT):
@@ -132,7 +136,12 @@ def of_powers(means: list[Array]) -> Mixing:
 
 
 #: coefficients of the polynomials in c, the highest first
-_POWERS = (np.array([1.0]), np.array([2.0, -1.0]), np.array([6.0, -6.0, 1.0]))
+_POWERS = (
+    np.array([1.0]),
+    np.array([2.0, -1.0]),
+    np.array([6.0, -6.0, 1.0]),
+    np.array([20.0, -30.0, 12.0, -1.0]),
+)
 
 
 def _is_zero(value: Any) -> bool:

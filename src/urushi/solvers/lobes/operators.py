@@ -143,6 +143,10 @@ class Boundary:
         first, rest = (tables.complete(*pair) for pair in pairs) if self.full else pairs
         return first, rest, down, narrower
 
+    def backs(self, cos: Array, width: Array) -> Moments:
+        """Moments per energy of what is sent back down the first time, for arguments as `round_trip` has them."""
+        return mixing.backs(cos, self.eta, self.alpha, width)
+
     def sheet(self, cos: Array, other: Boundary) -> list[tuple[Array, Array]]:
         """(Reflectance, transmittance) in a sheet of glass that light enters here and that ends at the other interface:
         of that for what arrives first, and for all that comes again; of this one for what that sends back, likewise."""

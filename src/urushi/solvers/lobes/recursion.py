@@ -19,7 +19,7 @@ from typing import Any
 
 import drjit as dr
 
-from ...interfaces import BoundDielectric, BoundDiffuse, RoughDiffuse
+from ...interfaces import BoundConductor, BoundDielectric, BoundDiffuse, RoughDiffuse
 from ...optics.vectors import Array, Vector, at_least, at_most, channels, total
 from ..bound import BoundStack
 from . import matte
@@ -87,6 +87,10 @@ def respond(stack: BoundStack, wi: Vector, above: bool, scatters: bool = True, t
     order = range(len(stack.interfaces)) if above else range(len(stack.interfaces) - 1, -1, -1)
     refracting = _refracting(stack, order)
     mixes = scatters and _mixes(stack)
+    # Else what is no beam any more was but sent to and fro, and still belongs to its lobe.
+    scattered = any(m is not None and m.scatters for m in stack.media) or not isinstance(
+        stack.interfaces[-1].single or stack.interfaces[-1], BoundConductor
+    )
     cos = at_least(dr.abs(wi.z), GRAZING)
     spread = Spread()
     steps: list[Step] = []
@@ -128,7 +132,7 @@ def respond(stack: BoundStack, wi: Vector, above: bool, scatters: bool = True, t
             # the middle of the lobe any wider, as the mean number of trips would have it.
             out = met.above.width
             out = spread.lobe(boundary.reflected, 0.0) if out is None else out
-            beam, rest = _lobe(sent, dr.square(lobed))
+            beam, rest = _lobe(sent, dr.square(lobed)) if scattered else (sent.beam + sent.spread, 0.0)
             reflected.append(Beam(beam, out, cos, sharp, k))
         diffuse = _sum(diffuse, rest)
         if tally is not None:
@@ -214,7 +218,9 @@ def _mixes(stack: BoundStack) -> bool:
     through = sum(
         isinstance(interface.single or interface, BoundDielectric) for interface in stack.interfaces
     )
-    return isinstance(stack.interfaces[-1], (BoundDiffuse, RoughDiffuse)) and (through > 1 or bool(media))
+    base = stack.interfaces[-1].single or stack.interfaces[-1]
+    diffuse = isinstance(base, (BoundDiffuse, RoughDiffuse))
+    return (diffuse and bool(media)) or ((diffuse or isinstance(base, BoundConductor)) and through > 1)
 
 
 def _refracting(stack: BoundStack, order: range) -> list[int]:

@@ -13,7 +13,7 @@ from typing import NamedTuple
 import drjit as dr
 
 from ...adding import Slab, add
-from ...interfaces import BoundDielectric, Null
+from ...interfaces import BoundConductor, BoundDielectric, Null
 from ...optics.vectors import Array, at_least, at_most, channels, total
 from . import tables
 from .flow import ALL, FLOWS, NONE, Flow
@@ -23,6 +23,8 @@ from .width import OURS, Width, capped, mean_roughness, plus
 
 #: what is left from one visit to the next of light trapped between clear interfaces
 TRAPPED = 0.9
+#: how much of the width that facets add to light which crosses them counts for what the next boundary reflects totally
+CROSSED = 0.2
 
 
 @dataclass
@@ -91,6 +93,9 @@ def meet(steps: list[Step], step: Step, returning: Array, width: Width | None, l
     if width is None or nearest is None:
         above = from_below(steps, returning, None if width is None else boundary.reflected)
         return Meeting(first, later, above, above)
+    if strays(steps, boundary):
+        above = from_below(steps, returning, boundary.reflected, stray=True)
+        return Meeting(first, later, above, above)
     upper, entered = nearest
     alpha = mean_roughness(width)
     clear = isinstance(boundary.inner, BoundDielectric)
@@ -117,6 +122,20 @@ def meet(steps: list[Step], step: Step, returning: Array, width: Width | None, l
     return Meeting(first, _flows(step, pair), above, above_later)
 
 
+def strays(steps: list[Step], boundary: Boundary) -> bool:
+    """Whether light that comes back to a metal under several boundaries is followed by its moments.
+
+    Between these it is totally reflected here or there, into all directions that do not get out: it is no lobe.
+    """
+    if not boundary.mixes or not isinstance(boundary.inner, BoundConductor):
+        return False
+    clear = not any(isinstance(s.layer, Particles) and s.layer.scatters for s in steps)
+    return (
+        clear
+        and sum(isinstance(s.layer, Boundary) and not isinstance(s.layer.inner, Null) for s in steps) > 1
+    )
+
+
 def from_below(
     steps: list[Step],
     cos: Array,
@@ -124,6 +143,7 @@ def from_below(
     again: Array | None = None,
     known: tuple[Pair, Array] | None = None,
     kept: Array = TRAPPED,
+    stray: bool = False,
 ) -> Above:
     """The layers gone through so far, for the light that went through them and is sent back.
 
@@ -134,6 +154,7 @@ def from_below(
             interface. What was reflected further up gets through the nearest as ever, and is reflected more up there.
         known: of the nearest interface, what is known better than here, and the share that this has.
         kept: what the layer below leaves of light that comes to it again.
+        stray: whether what comes back down is no beam, but followed by its moments.
     """
     slabs: list[Slab] = []
     first: Array | None = None
@@ -171,12 +192,13 @@ def from_below(
             out = capped(plus(plus(out, down_by) * factor, up_by)) * OURS.factor(narrower)
             # What is totally reflected was the outside of the lobe: the rest is narrower, by medians of GGX.
             kept = t / (r + t)
-            width = plus(plus(width * OURS.factor(dr.sqrt(kept / (2 - kept))), down_by) * factor, up_by)
+            inner = width * OURS.factor(dr.sqrt(kept / (2 - kept)))
+            width = plus(plus(inner, down_by * CROSSED) * factor, up_by * CROSSED)
             if again is not None:
                 r, t = _mixed(later, (r, t), again if first is None else 1.0)
             if first is None and known is not None:
                 r, t = _mixed(known[0], (r, t), known[1])
-            if lower is not None:
+            if lower is not None and not stray:
                 k, under = lower
                 slabs[k] = _steeper(slabs[k], under, down, wide)
             for k, under, middle in slanted:
@@ -187,7 +209,10 @@ def from_below(
         first = sent if first is None else first
         whole_sent, passing = whole_sent + sent, passing * t
         even_r, even_t = turned.even(cos)
-        slabs.append(Slab(step.r, step.t, Flow(r, 0.0, even_r), Flow(t, 0.0, even_t)))
+        back = Flow(r, 0.0, even_r)
+        if stray:
+            back = Flow(0.0, boundary.backs(step.cos, wide) * r, even_r)
+        slabs.append(Slab(step.r, step.t, back, Flow(t, 0.0, even_t)))
         cos = at_least(turned.refracted(cos), GRAZING)
     whole = Slab(NONE, ALL, NONE, ALL)
     for n, slab in enumerate(reversed(slabs)):
