@@ -94,19 +94,18 @@ def polynomial(y: Array, coefficients: tuple[float, ...]) -> Array:
 
 
 def around(axis: Vector, cos: Array, u: Array, sin: Array | None = None) -> Vector:
-    """The direction at angle arccos(`cos`) from `axis`, its azimuth about it drawn by u (frame: Duff et al. 2017).
+    """The direction at angle arccos(`cos`) from `axis`, its azimuth about it drawn by u.
 
-    Where the angle may be small, `sin` says what its cosine cannot.
+    Drawn about z and carried over by mirroring (Householder 1958), which needs no frame: in the plane half-way between
+    the axis and z, or -z, whichever is farther from it. Where the angle may be small, `sin` says what `cos` cannot.
     """
     sign = dr.select(axis.z >= 0, 1.0, -1.0)
-    a = -dr.rcp(sign + axis.z)
-    b = axis.x * axis.y * a
-    s = type(axis)(1 + sign * dr.square(axis.x) * a, sign * b, -sign * axis.x)
-    t = type(axis)(b, sign + dr.square(axis.y) * a, -axis.y)
     sin_phi, cos_phi = azimuth(u)
     if sin is None:
         sin = root((1 - cos) * (1 + cos))
-    return dr.fma(s, sin * cos_phi, dr.fma(t, sin * sin_phi, axis * cos))
+    v = type(axis)(sin * cos_phi, sign * sin * sin_phi, sign * cos)
+    n = type(axis)(axis.x, axis.y, axis.z + sign)
+    return dr.fma(n, dr.dot(n, v) * dr.rcp(1 + dr.abs(axis.z)), -v)
 
 
 def cosine_hemisphere(u1: Array, u2: Array, like: Vector) -> Vector:
