@@ -35,17 +35,17 @@ def _apart(ours: Any, truth: Any, wi: np.ndarray, rng: np.random.Generator) -> f
     return float(np.abs(a - b).mean() / b.mean())
 
 
-# name: layers, largest difference of the reflectance to adding, and of values relative to their integral
+# name: layers, largest difference of the reflectance to the walk, and of values to adding, relative to their integral
 CASES: dict[str, tuple[list, float, float]] = {
     **{
-        f"{alpha} {options}": ([_matte(alpha, **options)], 0.006, 0.03)
+        f"{alpha} {options}": ([_matte(alpha, **options)], 0.002, 0.03)
         for alpha in (0.1, 0.3, 0.8)
         for options in ({}, WALK, {"distribution": "beckmann"})
     },
     **{
         f"coat {coat}, {alpha} {options}": (
             [ur.Dielectric(ior=1.5, alpha=coat), _matte(alpha, **options)],
-            0.008,
+            0.006,
             0.03,
         )
         for coat in (0.0, 0.3)
@@ -84,8 +84,10 @@ def test_against_adding(name: str, rng: np.random.Generator) -> None:
     layers, energy, value = CASES[name]
     stack = ur.Stack(layers=layers)
     exact, ours = ur.solve(stack, "adding", accuracy=2e-3), ur.solve(stack, "lobes")
-    off = ours.reflectance(WI)[:, 0] - exact.reflectance(WI)[:, 0]
-    assert np.abs(off).max() < energy, np.round(off, 4)
+    # Adding knows such bases by samples, and those of one angle are fewer than the walk's.
+    truth, error = ur.solve(stack, "walk", samples=1 << 16).reflectance(WI, with_error=True)
+    off = ours.reflectance(WI)[:, 0] - truth[:, 0]
+    assert np.all(np.abs(off) < energy + 4 * error[:, 0]), np.round(off, 4)
     for wi in WI[[0, 1, 3]]:
         assert _apart(ours, exact, wi, rng) < value
 
@@ -210,10 +212,10 @@ def test_a_textured_roughness_in_the_plugin(mi: Any, tmp_path: Path) -> None:
 
 
 def test_with_a_normal_of_its_own(rng: np.random.Generator) -> None:
-    stack = ur.Stack(layers=[ur.Dielectric(ior=1.5, alpha=0.2), _matte(0.5, normal=(0.2, 0.1, 1.0))])
+    stack = ur.Stack(layers=[ur.Dielectric(ior=1.5, alpha=0.2), _matte(0.8, normal=(0.2, 0.1, 1.0))])
     wi, wo = hemisphere(rng, 60, 0.2), hemisphere(rng, 60, 0.2)
     truth = ur.solve(stack, "walk", samples=1024).eval(wi, wo)
-    assert np.abs(lobes.solve(stack).eval(wi, wo) - truth).sum() < 0.03 * truth.sum()
+    assert np.abs(lobes.solve(stack).eval(wi, wo) - truth).sum() < 0.022 * truth.sum()
 
 
 def test_a_sample_of_the_tables_is_made_anew() -> None:

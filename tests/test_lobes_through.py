@@ -75,6 +75,9 @@ def test_what_went_to_and_fro_is_a_lobe_of_its_own() -> None:
         assert np.all(table.alpha[late] > 1.3 * table.alpha[one])
         shares.append(table.energy[late, 0] / whole[0])
     assert 0.12 < shares[0] < 0.2 and shares[1] < 0.03
+    complete = [ur.Dielectric(ior=ior, alpha=0.2, multiple_scattering="compensated") for ior in (1.5, 1.0)]
+    bsdf = ur.solve(ur.Stack(layers=complete), "lobes")
+    np.testing.assert_allclose(bsdf.reflectance(wi) + bsdf.transmittance(wi), 1, atol=5e-3)
 
 
 def test_nothing_prefers_an_azimuth_at_normal_incidence() -> None:

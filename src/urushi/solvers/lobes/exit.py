@@ -51,7 +51,6 @@ class Exit:
         self._whole: Array | None = None
         self._mean: Array | None = None
         self._white: Array | None = None
-        self._evened: Array | None = None
 
     def density(self, o: Vector) -> Array:
         """Per solid angle, cosine included; integrates to 1 over the side. o has z > 0."""
@@ -63,17 +62,11 @@ class Exit:
     def weighed(self, energy: Array, found: Found, wi: Vector, o: Vector) -> Array:
         """What `density` is multiplied by: the energy, and what a rough diffuse base does with directions.
 
-        Light that it sends out the first time hangs on where it came from. What comes back to it, and is sent out
-        later, is even: by reciprocity it leaves as the base takes in light.
+        Light that it sends out the first time hangs on where it came from; what it sends out later is even.
         """
         if self.matte is None:
             return energy
-        if self._evened is None:
-            self._evened = self._average(o, lambda w: self._passing(w) * self._albedo(w)) / self._average(
-                o, self._passing
-            )
-        later = (energy - found.lit) * self._albedo(o) / at_least(self._evened, 1e-6)
-        return found.white * self._seen(wi, o) + later
+        return found.white * self._seen(wi, o) + (energy - found.lit)
 
     def reciprocal(self, wi: Vector, wo: Vector) -> Array:
         """The diffuse part of f |cos o| in its symmetric form: m(wi) m(wo) / (pi mean m), m the diffuse energy."""
@@ -90,10 +83,6 @@ class Exit:
         """`Matte.value` for directions outside."""
         assert self.matte is not None
         return self.matte.value(self._within(wi), self._within(wo))
-
-    def _albedo(self, w: Vector) -> Array:
-        assert self.matte is not None
-        return self.matte.albedo(self._within(w).z)
 
     def _within(self, w: Vector) -> Vector:
         """A direction outside as it is at the base, in its frame."""
