@@ -90,7 +90,8 @@ class Matte:
         """
         last: Any = 0 if rim is None else rim + 0 * cos
         found = _grid(self.kind, "cones")([self._rough(cos), along_cosine(cos), last], cos)
-        return self._sum(*found, self._even(cos)[3])
+        one, two, more = found
+        return self._sum(one, two, more, self._even(cos)[3])
 
     def even(self, like: Array) -> Array:
         """What it reflects of light that comes evenly from all directions."""
