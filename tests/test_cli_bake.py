@@ -68,6 +68,15 @@ def test_a_fourier_file_is_written(run, tmp_path):
     assert names(tmp_path) == ["v.bsdf"]
 
 
+def test_orders_are_fixed(run, tmp_path):
+    (tmp_path / "gold.yaml").write_text(
+        MATERIAL.replace("diffuse: {reflectance: [0.5, 0.3, 0.1]}", "conductor: {material: Au}")
+    )
+    status, out, err = run("gold.yaml", "-o", "v.urushi.npz", "--nodes", "8", "--orders", "3")
+    assert (status, err) == (0, "") and " 3 orders" in out
+    assert native.load(tmp_path / "v.urushi.npz").diagnostics["orders"] == 3
+
+
 @pytest.mark.parametrize(
     ("args", "said"),
     [
@@ -75,6 +84,7 @@ def test_a_fourier_file_is_written(run, tmp_path):
         (["-o", "v.npz"], ".urushi.npz"),
         (["-o", "v.bsdf", "--accuracy", "0"], "--accuracy"),
         (["-o", "v.bsdf", "--nodes", "1"], "--nodes"),
+        (["-o", "v.bsdf", "--orders", "0"], "--orders"),
         (["-o", "v.urushi.npz", "--delta", "omit"], "--delta"),
     ],
 )
@@ -130,6 +140,9 @@ def test_an_interrupted_bake_goes_on_where_it_stopped(run, tmp_path, monkeypatch
     run("varnish.yaml", "-o", "v.urushi.npz", "--accuracy", "0.01")
     anew = list(solved)
     assert names(tmp_path) == [part, "v.urushi.npz"]  # another accuracy: nothing of it is used
+    solved.clear()
+    run(*command, "--orders", "2")
+    assert solved and names(tmp_path) == [part, "v.urushi.npz"]  # nor with other orders
     solved.clear()
     content = (tmp_path / part).read_bytes()
     status, _, _ = run(*command)

@@ -143,7 +143,7 @@ def test_a_material_is_solved_once(mi, tmp_path, monkeypatch):
     solved = []
     plain = adding.solution
     monkeypatch.setattr(adding, "_solved", type(adding._solved)())
-    monkeypatch.setattr(adding, "solution", lambda *given: solved.append(1) or plain(*given))
+    monkeypatch.setattr(adding, "solution", lambda *given, **more: solved.append(1) or plain(*given, **more))
     for _ in range(3):
         plugin = layered(mi, filename=name, method="adding", nodes=NODES)
     assert len(solved) == 1

@@ -29,6 +29,9 @@ def command(
     output: Path = typer.Option(..., "-o", "--output", help="A .urushi.npz file, or a Fourier .bsdf file."),
     accuracy: float = typer.Option(1e-3, help="Error allowed, relative to the peak of the BSDF."),
     nodes: int | None = typer.Option(None, help="A fixed number of directions instead, whatever the error."),
+    orders: int | None = typer.Option(
+        None, help="A fixed number of azimuthal orders instead, whatever the error."
+    ),
     delta: Literal["refuse", "omit"] = typer.Option(
         "refuse", help="With .bsdf: what to do with light that leaves in one direction only."
     ),
@@ -37,10 +40,14 @@ def command(
     start = time.perf_counter()
     if not output.name.lower().endswith(ENDINGS):
         raise WrongUsage(f"cannot write {str(output)!r}: the name must end in {' or '.join(ENDINGS)}")
+    from urushi.solvers.adding import MOST_ORDERS, reasons_against
+
     if not 1e-6 <= accuracy <= 0.5:
         raise WrongUsage(f"--accuracy is {accuracy}; allowed: 1e-6 to 0.5")
     if nodes is not None and not 4 <= nodes <= 1000:
         raise WrongUsage(f"--nodes is {nodes}; allowed: 4 to 1000")
+    if orders is not None and not 1 <= orders <= MOST_ORDERS:
+        raise WrongUsage(f"--orders is {orders}; allowed: 1 to {MOST_ORDERS}")
     fourier = output.name.lower().endswith(".bsdf")
     if delta != "refuse" and not fourier:
         raise WrongUsage("--delta belongs to .bsdf files; a .urushi.npz file has room for all light")
@@ -48,16 +55,16 @@ def command(
     path = common.writable(output, (".bsdf", ".npz"))
 
     from urushi.errors import UnsupportedStack
-    from urushi.solvers.adding import reasons_against
     from urushi.solvers.adding.result import AddingBSDF
     from urushi.solvers.adding.whole import solution
 
     if reasons := reasons_against(stack):
         raise UnsupportedStack("adding", reasons, ["walk"])
-    partial = Partial(path, stack, accuracy, nodes)
+    partial = Partial(path, stack, accuracy, nodes, orders)
     try:
         with progress.bar(f"solving {stack.name or path.stem}") as advance:
-            found = solution(stack, accuracy, nodes, _shown(advance, accuracy), keep=partial.keep)
+            shown = _shown(advance, accuracy)
+            found = solution(stack, accuracy, nodes, shown, keep=partial.keep, orders=orders)
         bsdf = AddingBSDF(stack, found)
         error = found.diagnostics["estimated_error"]
         if fourier:
@@ -90,16 +97,19 @@ class Partial:
 
     Args:
         path: the output.
-        stack, accuracy, nodes: what is being solved; files of anything else have other names, and are not looked at.
+        stack, accuracy, nodes, orders: what is being solved; files of anything else have other names, and are
+            not looked at.
 
     Attributes:
         files: those that were written or used.
     """
 
-    def __init__(self, path: Path, stack: Stack, accuracy: float, nodes: int | None) -> None:
+    def __init__(
+        self, path: Path, stack: Stack, accuracy: float, nodes: int | None, orders: int | None
+    ) -> None:
         from urushi import __version__, io
 
-        key = repr((__version__, io.dumps(stack, "json"), accuracy, nodes))
+        key = repr((__version__, io.dumps(stack, "json"), accuracy, nodes, orders))
         self.stack, self.error = stack, max(_SPARE * accuracy, 1e-7)
         self.head = path.with_name(f".{path.name}.{hashlib.sha256(key.encode()).hexdigest()[:16]}")
         self.files: list[Path] = []

@@ -44,7 +44,8 @@ def solve(stack: Stack | str | os.PathLike[str], method: str = "auto", **options
         method: "walk", "adding", "lobes", or "auto" for the one that suits the stack and the options (`auto`), which
             `diagnostics["auto"]` then names with the reasons.
         **options: see the method. The walk takes `samples`, `seed`, `max_depth`, adding takes `accuracy`, `nodes`,
-            `progress`, lobes take `published`, `symmetric`, and all `parameters`, `backend`, `precision`, `mode`
+            `orders`, `media`, `indices`, `progress`, lobes take `published`, `symmetric`, and all `parameters`,
+            `backend`, `precision`, `mode`
             (`urushi.solvers.walk.solve`, `urushi.solvers.adding.solve`, `urushi.solvers.lobes.solve`).
 
     Returns:

@@ -17,7 +17,7 @@ import numpy as np
 from urushi.errors import MaterialError, UnsupportedStack
 from urushi.optics.vectors import channels, total
 from urushi.solvers import SOLVERS
-from urushi.solvers.adding import reasons_against
+from urushi.solvers.adding import MOST_ORDERS, reasons_against
 from urushi.solvers.adding.build import bind_numbers
 from urushi.solvers.adding.core import AddingCore, Prepared
 from urushi.solvers.adding.corners import Corners, hats
@@ -40,11 +40,11 @@ _solved: OrderedDict[tuple[Any, ...], Prepared] = OrderedDict()
 class Adding:
     """Tables, evaluated with the closed forms of the place added; no derivatives.
 
-    Besides the layers it takes `accuracy` (1e-3), `nodes` (as many as that needs), and `corners`, the values that a
-    textured parameter is solved for (5).
+    Besides the layers it takes `accuracy` (1e-3), `nodes` and `orders` (as many as that needs), and `corners`, the
+    values that a textured parameter is solved for (5).
     """
 
-    OPTIONS = ("accuracy", "nodes", "corners")
+    OPTIONS = ("accuracy", "nodes", "orders", "corners")
 
     def __init__(self, mi: Any, stack: Stack, surface: Surface, props: Any) -> None:
         self.mi, self.stack, self.surface = mi, stack, surface
@@ -55,6 +55,7 @@ class Adding:
                 f"found {self.accuracy!r}; allowed: a number from 1e-9 to 0.5", where=f"{where}.accuracy"
             )
         self.nodes = whole(props, "nodes", 0, 0, 1000)
+        self.orders = whole(props, "orders", 0, 0, MOST_ORDERS)
         self.corners = whole(props, "corners", 5, 2, 33)
         tilted = [name for name in surface.parameters if is_vector(name)]
         if tilted:
@@ -111,10 +112,11 @@ class Adding:
         ]
 
     def _prepared(self, stack: Stack) -> Prepared:
-        key = repr(stack.replace({"name": "", "description": ""})), self.accuracy, self.nodes
+        key = repr(stack.replace({"name": "", "description": ""})), self.accuracy, self.nodes, self.orders
         if key not in _solved:
             bound, _ = bind_numbers(stack)
-            _solved[key] = Prepared(solution(stack, self.accuracy, self.nodes or None), bound)
+            found = solution(stack, self.accuracy, self.nodes or None, orders=self.orders or None)
+            _solved[key] = Prepared(found, bound)
             while len(_solved) > KEPT:
                 _solved.popitem(last=False)
         _solved.move_to_end(key)

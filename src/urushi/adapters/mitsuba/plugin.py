@@ -12,6 +12,7 @@
     max_depth      int               walk: most scattering events inside (-1: no limit)
     accuracy       float             adding: error allowed (1e-3)
     nodes          int               adding: nodes in each panel of directions (0: as many as that needs)
+    orders         int               adding: azimuthal orders (0: as many as that needs)
     corners        int               adding: values that a textured parameter is solved for (5)
     published      bool              lobes: as the paper of 2018 has them (false)
     symmetric      bool              lobes: the reciprocal form (false)

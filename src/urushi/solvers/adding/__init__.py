@@ -15,8 +15,10 @@ Sources: Stokes 1862; van de Hulst 1963; Grant & Hunt 1969; Stam 2001; Jakob et 
 
 from __future__ import annotations
 
+import difflib
 import sys
 from collections.abc import Mapping, Sequence
+from numbers import Integral
 from typing import Any
 
 from urushi import llvm
@@ -24,7 +26,20 @@ from urushi.errors import UnsupportedStack, UrushiError
 from urushi.stack import Stack, Texture
 
 #: what `solve` takes besides the stack
-OPTIONS = ("accuracy", "nodes", "parameters", "backend", "precision", "mode", "progress", "indices")
+OPTIONS = (
+    "accuracy",
+    "nodes",
+    "orders",
+    "media",
+    "parameters",
+    "backend",
+    "precision",
+    "mode",
+    "progress",
+    "indices",
+)
+#: azimuthal orders that may be asked for, at most
+MOST_ORDERS = 1 << 14
 
 
 def reasons_against(stack: Stack) -> list[str]:
@@ -55,6 +70,8 @@ def solve(
     *,
     accuracy: float = 1e-3,
     nodes: int | Sequence[int] | None = None,
+    orders: int | None = None,
+    media: str | None = None,
     parameters: Mapping[str, Any] | None = None,
     progress: Any = None,
     indices: Sequence[float] = (),
@@ -68,6 +85,10 @@ def solve(
             same angle of incidence; nodes are added until two solutions agree to that.
         nodes: fixed numbers of nodes per panel instead, one for all or one for each different index; `diagnostics`
             then tells the error they leave.
+        orders: fixed number of azimuthal orders instead, 1 to 16384: 1 leaves of all that has no closed form the mean
+            over the azimuth. Energies need no more than that. `diagnostics["left_out"]` is the error it makes.
+        media: how media are solved, all to the same result: "ordinates" (None: their modes), "doubling", or "riccati"
+            (the continuous adding equation, which goes through them in steps; slow).
         parameters: values in place of those of the description, by name (``layer_0.alpha``): numbers, colours, or any
             number C of channels: (C,) values for albedo, depth, eta and so on, which then give values (N, C).
         progress: called with (nodes, error) after each refinement.
@@ -88,6 +109,8 @@ def solve(
         raise UrushiError(f"accuracy: found {accuracy!r}; allowed: a number from 1e-9 to 0.5")
     if not all(isinstance(n, (int, float)) and 1 <= n <= 5 for n in indices):
         raise UrushiError(f"indices: found {indices!r}; allowed: numbers from 1 to 5")
+    check_orders(orders)
+    method = media_method(media)
     if "drjit" not in sys.modules:
         llvm.prepare()  # before Dr.Jit takes the first LLVM it finds
     from ..numbers import replaced
@@ -102,5 +125,28 @@ def solve(
         reasons = reasons_against(own)
         if reasons:
             raise UnsupportedStack("adding", reasons)
-        parts.append(AddingBSDF(own, solution(own, accuracy, nodes, progress, tuple(indices)), **options))
+        found = solution(own, accuracy, nodes, progress, tuple(indices), orders=orders, media=method)
+        parts.append(AddingBSDF(own, found, **options))
     return parts[0] if channels(given) in (1, 3) else ChannelsBSDF(stack, parts, channels(given))
+
+
+def check_orders(orders: Any) -> None:
+    """Refuse what is no number of azimuthal orders."""
+    if orders is None:
+        return
+    whole = isinstance(orders, Integral) and not isinstance(orders, bool)
+    if not whole or not 1 <= orders <= MOST_ORDERS:
+        raise UrushiError(f"orders: found {orders!r}; allowed: a whole number from 1 to {MOST_ORDERS}")
+
+
+def media_method(name: Any) -> Any:
+    """The name of a solution for media; the usual one for None."""
+    from .media import METHODS
+
+    if name is None:
+        return METHODS[0]
+    if name not in METHODS:
+        near = difflib.get_close_matches(str(name), METHODS, n=1)
+        hint = f"; did you mean {near[0]!r}?" if near else ""
+        raise UrushiError(f"media: found {name!r}; allowed: {', '.join(METHODS)}{hint}")
+    return name

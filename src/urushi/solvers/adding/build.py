@@ -16,6 +16,7 @@ from ..numbers import gather_numbers
 from .basis import Grid
 from .interfaces import MOST_ORDERS, RoughLayer, same_surface
 from .layers import Layer, MediumLayer, SmoothLayer, TurnedOver, numbers
+from .media import METHODS, Method
 from .phase import MOST_TERMS, PHASES, Phase, terms
 from .resolution import panel_counts
 
@@ -82,11 +83,17 @@ def phase_functions(stack: Stack) -> list[Phase]:
 
 
 def layers(
-    stack: BoundStack, phases: list[Phase], grid: Grid, tolerance: float, complete: bool = False
+    stack: BoundStack,
+    phases: list[Phase],
+    grid: Grid,
+    tolerance: float,
+    complete: bool = False,
+    method: Method = METHODS[0],
 ) -> list[Layer | None]:
     """All layers on the nodes, from the top: interface (None where there is none), medium where there is one, ...
 
     Unless `complete`, the outermost interface has no more orders than anything that is not evaluated in closed form.
+    Media are solved by `method`.
     """
     remaining = list(phases)[::-1]
     # What a medium alone scatters once has a closed form, and what it scatters again has fewer orders.
@@ -102,7 +109,7 @@ def layers(
         if medium is not None:
             phase = remaining.pop(0)
             most = terms(phase, tolerance, times=2) if lone else MOST_TERMS
-            found.append(MediumLayer(medium, phase, grid, k + 1, 0.01 * tolerance, most=most))
+            found.append(MediumLayer(medium, phase, grid, k + 1, 0.01 * tolerance, most=most, method=method))
         if isinstance(interface, Null):
             found.append(None)
             continue

@@ -62,6 +62,7 @@ class MediumLayer:
         tolerance: what of the phase function may be left out, relative to its peak.
         terms: how many terms of it to take instead.
         most: azimuthal orders to look for, at most.
+        method: which solution, see `media.slab`.
     """
 
     def __init__(
@@ -73,8 +74,9 @@ class MediumLayer:
         tolerance: float = 0.0,
         terms: int | None = None,
         most: int = MOST_TERMS,
+        method: media.Method = media.METHODS[0],
     ) -> None:
-        self.mu, self.weights = grid.mu[region], grid.weights[region]
+        self.mu, self.weights, self.method = grid.mu[region], grid.weights[region], method
         self.truncated = (
             Truncated.fit(phase, self.mu, self.weights, tolerance)
             if terms is None
@@ -100,7 +102,7 @@ class MediumLayer:
 
     def slab(self, orders: range, first: int) -> Slab:
         if orders.start < self.orders:
-            return media.slab(self._scattering(orders, first), self.depth, self.albedo)
+            return media.slab(self._scattering(orders, first), self.depth, self.albedo, self.method)
         n = len(self.mu) - first
         r, t = Operator((n, n)), Operator((n, n), np.exp(-self.depth[:, None] / self.mu[first:]))
         return Slab(r, t, r, t)

@@ -16,16 +16,16 @@ A slab of depth 2 h, lit alike or oppositely from both sides, then reflects and 
     T - R = (1 - V) / (1 + V),    V = Y K^-1 tanh h K,    K^2 = X Y
 
 (theory (basis.7 to basis.10)) without any growing exponential and without loss where X loses nothing. `ordinates`
-finds the tanh by the modes of K, once for all depths; `doubling` by a few powers of thin h. Both do any depth; the
-modes are faster and, having no thousandfold additions to round, conserve energy to the last digit: they are what
-`slab` uses unless told otherwise.
+finds the tanh by the modes of K, once for all depths; `doubling` by a few powers of thin h; `riccati` goes through the
+slab in steps. All do any depth; the modes are faster and, having no thousandfold additions to round, conserve energy to
+the last digit: they are what `slab` uses unless told otherwise.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Literal
+from typing import Literal, get_args
 
 import numpy as np
 
@@ -35,7 +35,9 @@ from .operator import OPERATORS, Operator
 from .phase import between
 from .threads import one_thread
 
-Method = Literal["ordinates", "doubling"]
+Method = Literal["ordinates", "doubling", "riccati"]
+#: the same as names; the first is used unless told otherwise
+METHODS: tuple[Method, ...] = get_args(Method)
 #: optical depth, times the root of 1 - albedo, beyond which so little passes that digits are lost
 FADED = 4.0
 
@@ -92,14 +94,14 @@ class Scattering:
 
 
 @one_thread()
-def slab(scattering: Scattering, depth: np.ndarray, albedo: np.ndarray, method: Method = "ordinates") -> Slab:
+def slab(scattering: Scattering, depth: np.ndarray, albedo: np.ndarray, method: Method = METHODS[0]) -> Slab:
     """A homogeneous slab.
 
     Args:
         scattering: the phase function on the nodes.
         depth: (C,) optical depth along the normal, >= 0.
         albedo: (C,) single-scattering albedo, in [0, 1]; C may be 1 in either.
-        method: which solution; both give the same.
+        method: which solution; all give the same.
 
     Returns:
         Reflection and transmission as `Operator`, equal from both sides.
@@ -107,7 +109,7 @@ def slab(scattering: Scattering, depth: np.ndarray, albedo: np.ndarray, method: 
     Raises:
         UrushiError: a depth or an albedo out of range; too few nodes for the phase function.
     """
-    from . import doubling, ordinates
+    from . import doubling, ordinates, riccati
 
     depth, albedo = np.atleast_1d(np.asarray(depth, float)), np.atleast_1d(np.asarray(albedo, float))
     if not ((depth >= 0) & (depth < np.inf)).all():
@@ -118,7 +120,11 @@ def slab(scattering: Scattering, depth: np.ndarray, albedo: np.ndarray, method: 
         n, passed = len(scattering.mu), np.exp(-depth[:, None] / scattering.mu)
         r, t = Operator((n, n)), Operator((n, n), passed)
         return Slab(r, t, r, t)
-    solve: Callable[..., Slab] = {"ordinates": ordinates.solve, "doubling": doubling.solve}[method]
+    solve: Callable[..., Slab] = {
+        "ordinates": ordinates.solve,
+        "doubling": doubling.solve,
+        "riccati": riccati.homogeneous,
+    }[method]
     # What little a thick slab lets through is lost in the rounding of both sums: it is put together from thinner ones.
     fading = float((depth * np.sqrt(1 - albedo)).max())
     times = int(np.ceil(np.log2(max(fading / FADED, 1))))

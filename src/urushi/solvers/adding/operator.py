@@ -125,13 +125,13 @@ OPERATORS = Algebra(lambda a, b: a @ b, bounce)
 def _check_empty(trapped: np.ndarray, x: Operator) -> None:
     if not trapped.any():
         return
-    lit = np.zeros(x.shape[0], bool)
+    lit = np.zeros((1, x.shape[0]), bool)  # colour by colour: where one is trapped, others may be scattered
     if x.delta is not None:
-        lit[: x.delta.shape[1]] |= (x.delta != 0).any(axis=0)
+        lit = lit | (_fit(x.delta, x.shape[0]) != 0)
     if x.dense is not None:
-        lit |= (x.dense != 0).any(axis=(0, 1, 3))
-    if (trapped.any(axis=0) & lit).any():
-        node = int(np.flatnonzero(trapped.any(axis=0) & lit)[0])
+        lit = lit | (x.dense != 0).any(axis=(1, 3))
+    if (trapped & lit).any():
+        node = int(np.flatnonzero((trapped & lit).any(axis=0))[0])
         raise UrushiError(
             f"light of node {node} is let in between two layers that both reflect all of it, and none absorbs it; "
             "allowed: reflectances whose product is below 1"

@@ -74,6 +74,29 @@ def solve(layer: Gradient, tolerance: float = 1e-8) -> Slab:
     )
 
 
+def homogeneous(scattering: Scattering, depth: np.ndarray, albedo: np.ndarray) -> Slab:
+    """A homogeneous slab, one colour after another; see `media.slab`, which checks the arguments.
+
+    Its error is some 3e-8 of the largest element of the symmetric matrices.
+    """
+    n = len(scattering.mu)
+    depth, albedo = np.broadcast_arrays(depth, albedo)
+    passed = np.exp(-depth[:, None] / scattering.mu)
+    r = np.zeros((len(depth), len(scattering.even), n, n))
+    t = r.copy()
+    for c, (deep, share) in enumerate(zip(depth, albedo, strict=True)):
+        if deep > 0:
+            found = solve(Gradient(float(deep), [(scattering, _constant(share))]), 1e-10)
+            r[c], t[c] = found.r_top.dense[0], found.t_down.dense[0]
+    reflected, through = Operator((n, n), None, r), Operator((n, n), passed, t)
+    return Slab(reflected, through, reflected, through)
+
+
+def _constant(albedo: float) -> Profile:
+    value = np.atleast_1d(albedo)
+    return lambda t: value
+
+
 def _integrate(
     layer: Gradient, height: Callable[[float], float], tolerance: float, transmit: bool
 ) -> tuple[np.ndarray, np.ndarray]:

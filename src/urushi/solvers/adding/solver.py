@@ -8,7 +8,7 @@ with the outermost interface, or one collision behind a smooth one) is taken off
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -16,7 +16,7 @@ from ...adding import Slab, add, from_above
 from ...interfaces import Null
 from ..bound import BoundStack
 from ..direct import direct_is_certain
-from . import once
+from . import MOST_ORDERS, once
 from .basis import Grid
 from .layers import Layer, MediumLayer, SmoothLayer
 from .operator import OPERATORS, Operator
@@ -32,8 +32,6 @@ MEMORY, CACHE = 1 << 26, 1 << 17
 QUIET = 4
 #: cosine of incidence from which on each node's own light counts, and how much more of it may be left out
 GRAZING, OWN = 0.06, 2
-#: more orders than this are not looked for
-MOST_ORDERS = 1 << 14
 
 #: what makes the layers of a stack on a grid
 Prepare = Callable[[Grid], Sequence[Layer]]
@@ -56,6 +54,7 @@ def solve_on(
     colours: int,
     tolerance: float,
     complete: bool = False,
+    count: int | None = None,
 ) -> Solution:
     """Solve a stack on given nodes.
 
@@ -68,6 +67,7 @@ def solve_on(
         tolerance: orders that hold less than this, relative to the largest of their kind, end the search.
         complete: look for orders of what has a closed form as well: the BSDF needs none, but other layers on or below
             this stack do.
+        count: how many orders to solve instead, as far as they hold anything.
 
     Returns:
         the solution; its diagnostics name the sizes only.
@@ -77,6 +77,8 @@ def solve_on(
     gathered = {side: _Gathered(side, grid, colours, complete) for side in sides}
     distinct: Sequence[tuple[bool, bool]] = sides
     most = max((layer.orders for layer in there), default=0)
+    if count is not None:
+        most, tolerance = min(most, count), 0.0
     heights = np.zeros((0, 2))
     for orders in _chunks(most, grid, colours):
         found = _solve_orders(stack, grid, layers, orders, _first(there, orders))
@@ -85,7 +87,7 @@ def solve_on(
         heights = np.append(heights, np.max([gathered[side].add(found) for side in distinct], axis=0), axis=0)
         if len(_loud(heights, tolerance)) + QUIET <= len(heights):
             break
-    used = len(heights) if complete else max(len(_loud(heights, tolerance)), 1)
+    used = len(heights) if complete and count is None else max(len(_loud(heights, tolerance)), 1)
     for side in distinct:
         gathered[side].cut(used)
     parts = {
@@ -93,6 +95,19 @@ def solve_on(
     }
     sizes = {"nodes": len(grid.s), "orders": used, "complete": complete}
     return Solution(grid, parts, closed_form(stack), colours, sizes)
+
+
+def cut(solution: Solution, stop: int) -> Solution:
+    """A solution without its orders from `stop` on; what has a closed form keeps all of them in the BSDF."""
+    lists = {id(blocks): blocks for part in solution.parts.values() for blocks in (part.blocks, part.rest)}
+    few = {
+        k: [_cut(block, stop) for block in blocks if block.orders.start < stop] for k, blocks in lists.items()
+    }
+    parts = {
+        side: replace(part, blocks=few[id(part.blocks)], rest=few[id(part.rest)])
+        for side, part in solution.parts.items()
+    }
+    return replace(solution, parts=parts)
 
 
 class _Gathered:

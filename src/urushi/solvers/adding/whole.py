@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -19,9 +19,10 @@ from ..direct import direct, direct_is_certain
 from . import build
 from .basis import Grid
 from .layers import MediumLayer
-from .refine import AZIMUTHS, COSINES, exits, refine
+from .media import METHODS, Method
+from .refine import AZIMUTHS, COSINES, GROWTH, difference, exits, refine
 from .solution import Solution
-from .solver import solve_on
+from .solver import cut, solve_on
 from .table import SIDES
 from .threads import one_thread
 
@@ -38,25 +39,29 @@ def solution(
     progress: Callable[[int, float], Any] | None = None,
     extra: Sequence[float] = (),
     keep: Keep | None = None,
+    orders: int | None = None,
+    media: Method = METHODS[0],
 ) -> Solution:
     """The operators of a stack.
 
     Args:
-        stack, accuracy, nodes, progress: as in `urushi.solvers.adding.solve`.
+        stack, accuracy, nodes, progress, orders, media: as in `urushi.solvers.adding.solve`.
         extra: its `indices`.
         keep: asked for every solution: given the numbers of nodes per panel and what makes it, it may have one.
     """
-    problem = _Problem(stack, accuracy, extra)
+    problem = _Problem(stack, accuracy, extra, orders, media)
     counts = problem.counts(nodes)
+    heights = _heights(problem.bound, problem.indices)
     with one_thread():
-        return refine(
+        found = refine(
             problem.solve if keep is None else lambda n: keep(n, lambda: problem.solve(n)),
             counts,
             accuracy,
             nodes is None,
             progress,
-            _heights(problem.bound, problem.indices),
+            heights,
         )
+        return found if orders is None else _with_left_out(problem, found, orders, heights)
 
 
 def unchecked(stack: Stack, accuracy: float, nodes: Sequence[int]) -> Solution:
@@ -68,18 +73,26 @@ def unchecked(stack: Stack, accuracy: float, nodes: Sequence[int]) -> Solution:
 class _Problem:
     """A stack that is bound, ready to be solved on any nodes."""
 
-    def __init__(self, stack: Stack, accuracy: float, extra: Sequence[float]) -> None:
+    def __init__(
+        self,
+        stack: Stack,
+        accuracy: float,
+        extra: Sequence[float],
+        orders: int | None = None,
+        media: Method = METHODS[0],
+    ) -> None:
         llvm.ensure()
         self.bound, self.colours = build.solvable(stack)
         self.phases = build.phase_functions(stack)
         self.indices, self.extra = build.indices(self.bound), tuple(extra)
         self.accuracy, self.tolerance = accuracy, 0.1 * accuracy
+        self.orders, self.media = orders, media
 
     def solve(self, counts: list[int]) -> Solution:
         bound = self.bound
         grid = replace(Grid.build([*self.indices, *self.extra], counts), indices=tuple(self.indices))
-        layers = build.layers(bound, self.phases, grid, self.tolerance, bool(self.extra))
-        found = solve_on(bound, grid, layers, self.colours, self.tolerance, bool(self.extra))
+        layers = build.layers(bound, self.phases, grid, self.tolerance, bool(self.extra), self.media)
+        found = solve_on(bound, grid, layers, self.colours, self.tolerance, bool(self.extra), self.orders)
         media = [layer for layer in layers if isinstance(layer, MediumLayer)]
         regions = [r for r, medium in enumerate(bound.media) if medium is not None]
         for region, medium in zip(regions, media, strict=True):
@@ -100,6 +113,20 @@ class _Problem:
                 "different indices, each at least 4"
             )
         return counts
+
+
+def _with_left_out(
+    problem: _Problem, found: Solution, orders: int, heights: Mapping[tuple[bool, bool], np.ndarray] | None
+) -> Solution:
+    """A solution of so many orders, told what the others would have changed: fewer nodes know that."""
+    counts = [max(int(panel.count / GROWTH), 4) for panel in found.grid.panels]
+    problem.orders = None
+    every = problem.solve(counts)
+    error = float(f"{difference(cut(every, orders), every, heights):.2e}")
+    said = found.diagnostics | {"fixed_orders": orders, "left_out": error}
+    return replace(
+        found, diagnostics=said | {"estimated_error": found.diagnostics["estimated_error"] + error}
+    )
 
 
 def _heights(stack: BoundStack, indices: Sequence[float]) -> dict[tuple[bool, bool], np.ndarray] | None:
