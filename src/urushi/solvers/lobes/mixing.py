@@ -45,18 +45,22 @@ def dielectric(
         like: a value whose type the answer has.
     """
 
-    def found(eta: Array, alpha: Array) -> list[Array]:
-        places = [
-            dr.select(eta >= 1, 0.0 * eta, 1.0 + 0 * eta),
-            axes.along_ratio(eta),
-            axes.along_square(alpha),
-        ]
-        return _grid("dielectric")(places, alpha)
+    grid = _grid("dielectric")
+
+    def places(eta: Array) -> list[Array]:
+        return [dr.select(eta >= 1, 0.0 * eta, 1.0 + 0 * eta), axes.along_ratio(eta)]
 
     if isinstance(alpha, float):
         alpha = alpha + 0 * eta
-    values = settled("mixing", (eta, alpha), lambda: found(eta, alpha))
-    values = found(eta + 0 * like, alpha + 0 * like) if values is None else values
+    rough = axes.along_square(alpha)
+    values = settled("mixing", (eta, alpha), lambda: grid([*places(eta), rough], alpha))
+    if values is None:
+        leading = settled("ratio", (eta,), lambda: places(eta))
+        part = None if leading is None else grid.at(leading, ("mixing", "dielectric"))
+        if part is None:
+            values = grid([*places(eta + 0 * like), rough + 0 * like], like)
+        else:
+            values = part([rough + 0 * like], like)
     r, t = Mixing.told(values[: COUNT**2]), Mixing.told(values[COUNT**2 :])
     if kind != tables.COMMON:
         own, common = (tables.dielectric_diffuse(k, eta, alpha, like) for k in (kind, tables.COMMON))
