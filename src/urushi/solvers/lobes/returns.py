@@ -160,7 +160,7 @@ def from_below(
     first: Array | None = None
     steep: Array | None = None
     lower: tuple[int, Step] | None = None
-    out = width
+    out = broad = width
     whole_sent: Array = 0.0
     passing: Array = 1.0
     media: Array = 1.0
@@ -189,10 +189,16 @@ def from_below(
             wide = mean_roughness(width if step.width is None else plus(step.width * (1 / factor), width))
             (r, t), later, down, narrower = boundary.round_trip(step.cos, wide, kept * dr.square(media))
             down_by, up_by = boundary.transmitted(step.cos, below), turned.transmitted(below, step.cos)
+            if broad is not width:  # of what gets out, all that crossings add counts
+                all_of = mean_roughness(
+                    broad if step.width is None else plus(step.width * (1 / factor), broad)
+                )
+                narrower = boundary.round_trip(step.cos, all_of, kept)[3]
             out = capped(plus(plus(out, down_by) * factor, up_by)) * OURS.factor(narrower)
             # What is totally reflected was the outside of the lobe: the rest is narrower, by medians of GGX.
             kept = t / (r + t)
-            inner = width * OURS.factor(dr.sqrt(kept / (2 - kept)))
+            left = OURS.factor(dr.sqrt(kept / (2 - kept)))
+            inner, broad = width * left, plus(plus(broad * left, down_by) * factor, up_by)
             width = plus(plus(inner, down_by * CROSSED) * factor, up_by * CROSSED)
             if again is not None:
                 r, t = _mixed(later, (r, t), again if first is None else 1.0)
