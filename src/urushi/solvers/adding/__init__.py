@@ -113,21 +113,20 @@ def solve(
     method = media_method(media)
     if "drjit" not in sys.modules:
         llvm.prepare()  # before Dr.Jit takes the first LLVM it finds
-    from ..numbers import replaced
-    from .channels import ChannelsBSDF, channels, split
+    from .channels import ChannelsBSDF
     from .result import AddingBSDF
+    from .spectrum import Spectrum
     from .whole import solution
 
-    given = parameters or {}
-    parts = []
-    for some in split(given, stack):
-        own = replaced(stack, some) if some else stack
+    spectrum = Spectrum.of(stack, parameters)
+    for own in spectrum.stacks:
         reasons = reasons_against(own)
         if reasons:
             raise UnsupportedStack("adding", reasons)
-        found = solution(own, accuracy, nodes, progress, tuple(indices), orders=orders, media=method)
-        parts.append(AddingBSDF(own, found, **options))
-    return parts[0] if channels(given) in (1, 3) else ChannelsBSDF(stack, parts, channels(given))
+    found = solution(spectrum, accuracy, nodes, progress, tuple(indices), orders=orders, media=method)
+    if spectrum.channels is None:
+        return AddingBSDF(spectrum.stacks[0], found, **options)
+    return ChannelsBSDF(spectrum, found, **options)
 
 
 def check_orders(orders: Any) -> None:

@@ -1,96 +1,73 @@
-"""Other channels than a colour has: as many solutions as it takes, three channels each, as one BSDF.
+"""Other channels than a colour has: one solution of them all, evaluated three at a time.
 
-Wavelengths know nothing of one another, in the equations as in nature, so a spectrum of C values is solved in thirds.
+Wavelengths know nothing of one another, but they share nodes, orders, phase functions and whatever has no colour: so a
+spectrum of C values is one solution of C channels. Dr.Jit's colours have three, so it is looked up in thirds.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
+from functools import cached_property
 from typing import Any
 
 import numpy as np
 
-from urushi.errors import MaterialError, UrushiError
+from urushi.errors import UrushiError
 from urushi.stack import Stack
 
 from ..bsdf import BSDF, Sample, random_numbers, same_count
 from ..bsdf import directions as checked
 from ..ledger import Ledger, alike
-from ..numbers import described, is_vector
-from .result import AddingBSDF
-
-
-def channels(parameters: Mapping[str, Any]) -> int:
-    """How many channels the values ask for: the most that any of them has."""
-    return max((np.size(value) for name, value in parameters.items() if not _pair(name, value)), default=1)
-
-
-def _pair(name: str, value: Any) -> bool:
-    """Whether a value is a roughness along x and along y, which are no channels."""
-    return np.size(value) == 2 and name.endswith(".alpha")
-
-
-def split(parameters: Mapping[str, Any], stack: Stack) -> list[dict[str, Any]]:
-    """Parameters with C values each, three at a time; a single dictionary where C is 1 or 3.
-
-    Raises:
-        MaterialError: parameters with different numbers of values, or colours of the description, which say nothing of
-            these channels.
-    """
-    arrays = {name: np.asarray(value, dtype=np.float64) for name, value in parameters.items()}
-    many = [
-        array.size
-        for name, array in arrays.items()
-        if array.ndim == 1 and array.size not in (1, 3) and not _pair(name, array)
-    ]
-    if not many:
-        return [dict(parameters)]
-    count = max(many)
-    for name, value in described(stack).items():
-        if name not in arrays and isinstance(value, tuple) and len(value) == 3 and not is_vector(name):
-            raise MaterialError(
-                f"found a colour, where other parameters have {count} channels; allowed: one number, or "
-                f"parameters={{{name!r}: ...}} with {count}",
-                where=name,
-            )
-    found = []
-    for name, array in arrays.items():
-        if array.ndim > 1 or (array.size not in (1, count) and not _pair(name, array)):
-            raise MaterialError(
-                f"found shape {array.shape}; allowed: one number or {count} channels, as others have",
-                where=name,
-            )
-    for start in range(0, count, 3):
-        some = {}
-        for name, array in arrays.items():
-            if array.size != count:
-                some[name] = array
-                continue
-            values = array[start : start + 3]
-            # A third that is not full repeats its last channel.
-            some[name] = np.resize(np.append(values, [values[-1]] * 2), 3)
-        found.append(some)
-    return found
+from .result import AddingBSDF, Matrices
+from .solution import Solution
+from .spectrum import THREE, Spectrum
 
 
 class ChannelsBSDF(BSDF):
-    """Solutions of the same stack for different wavelengths, side by side: every value has C channels.
+    """A solution of any number of channels as a BSDF: every value has C.
 
-    `sample` draws from each solution alike, and `pdf` is the density of that.
+    `sample` draws from each third of the channels alike, and `pdf` is the density of that.
 
     Args:
+        spectrum: the description that was solved, and the channels beside it.
+        solution: its operators, of C channels.
+        **options: `backend`, `precision`, `mode`, `order`: see `AddingBSDF`.
+
+    Attributes:
         stack: the description, without the values that differ.
-        parts: three channels each, the last perhaps fewer.
+        parameters: these, by name: (C,) each, or ().
         channels: C.
+        solution: the operators.
+        parts: BSDFs of three channels each, of the same solution; the last one repeats its last channel.
+
+    Raises:
+        UrushiError: an option out of range, or a solution of another stack.
     """
 
-    def __init__(self, stack: Stack, parts: Sequence[AddingBSDF], channels: int) -> None:
-        self.stack, self.parts, self.channels = stack, tuple(parts), channels
-        keys = ("estimated_error", "nodes", "orders", "seconds")
-        worst = {key: max(part.diagnostics[key] for part in self.parts) for key in keys}
-        worst["seconds"] = sum(part.diagnostics["seconds"] for part in self.parts)
-        self.diagnostics = {"method": "adding", "channels": channels, "solutions": len(self.parts), **worst}
+    def __init__(self, spectrum: Spectrum, solution: Solution, **options: Any) -> None:
+        if spectrum.channels != solution.colours:
+            raise UrushiError(
+                f"solution: found {solution.colours} channels; allowed: those of the parameters, {spectrum.channels}"
+            )
+        self.spectrum, self.solution, self.channels = spectrum, solution, solution.colours
+        self.stack: Stack = spectrum.stack
+        self.parameters = dict(spectrum.parameters)
+        thirds = [
+            np.minimum(np.arange(THREE) + THREE * k, self.channels - 1) for k in range(len(spectrum.stacks))
+        ]
+        self.parts = tuple(
+            AddingBSDF(stack, solution.some(third), **options)
+            for stack, third in zip(spectrum.stacks, thirds, strict=True)
+        )
+        said = ("method", "backend", "precision", "closed_form")
+        same = {key: self.parts[0].diagnostics[key] for key in said}
+        self.diagnostics = {**solution.diagnostics, **same, "channels": self.channels}
+
+    @cached_property
+    def matrices(self) -> Matrices:
+        """The operators themselves, of all channels."""
+        return Matrices.of(self.solution)
 
     def eval(self, wi: Any, wo: Any, *, with_error: bool = False) -> Any:
         """f |cos theta_o|: numpy (N, 3), (N, 3) -> (N, C); with `with_error`, that and the error expected."""

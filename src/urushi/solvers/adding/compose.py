@@ -21,11 +21,13 @@ from ..bound import BoundStack
 from ..direct import direct_is_certain
 from . import build
 from .basis import SAME, Grid
+from .channels import ChannelsBSDF
 from .once import covers
 from .operator import OPERATORS, Operator
 from .result import AddingBSDF
 from .solution import Block, Part, Solution
 from .solver import closed_form
+from .spectrum import Spectrum
 from .threads import one_thread
 
 SIDES = ((True, True), (True, False), (False, False), (False, True))
@@ -34,7 +36,11 @@ Rests = dict[tuple[bool, bool], Operator]
 CHUNK = 16
 
 
-def put_on(coat: AddingBSDF, base: AddingBSDF, **options: Any) -> AddingBSDF:
+#: what can be put on one another
+Solved = AddingBSDF | ChannelsBSDF
+
+
+def put_on(coat: Solved, base: Solved, **options: Any) -> Solved:
     """A solved coat on a solved base, without solving either anew.
 
     Args:
@@ -43,8 +49,9 @@ def put_on(coat: AddingBSDF, base: AddingBSDF, **options: Any) -> AddingBSDF:
         **options: `backend`, `precision`, `mode`, `order`: see `AddingBSDF`.
 
     Returns:
-        The BSDF of the joined stack. Its diagnostics have "estimated_error", the sum of both and of what interpolation
-        added, which alone is "interpolation_error": by how much it changed energies.
+        The BSDF of the joined stack, of as many channels as either has. Its diagnostics have "estimated_error", the
+        sum of both and of what interpolation added, which alone is "interpolation_error": by how much it changed
+        energies.
 
     Raises:
         UrushiError: results that were solved without `indices`, an opaque coat, indices that differ
@@ -52,8 +59,10 @@ def put_on(coat: AddingBSDF, base: AddingBSDF, **options: Any) -> AddingBSDF:
     """
     start = time.perf_counter()
     for name, bsdf in (("coat", coat), ("base", base)):
-        if not isinstance(bsdf, AddingBSDF):
-            raise UrushiError(f"{name}: found a {type(bsdf).__name__}; allowed: an AddingBSDF")
+        if not isinstance(bsdf, Solved):
+            raise UrushiError(
+                f"{name}: found a {type(bsdf).__name__}; allowed: what solve(stack, 'adding') gives"
+            )
     a, b = coat.solution, base.solution
     if (True, False) not in a.parts:
         raise UrushiError("coat: found an opaque stack; allowed: one that transmits")
@@ -70,12 +79,14 @@ def put_on(coat: AddingBSDF, base: AddingBSDF, **options: Any) -> AddingBSDF:
         )
     if a.colours != b.colours and 1 not in (a.colours, b.colours):
         raise UrushiError(f"found {a.colours} channels on {b.colours}; allowed: the same, or one")
-    stack = joined(coat.stack, base.stack)
-    bound, colours = build.bind_numbers(stack)
+    spectra = [spectrum(bsdf) for bsdf in (coat, base)]
+    both = Spectrum.joined(joined(coat.stack, base.stack), *spectra)
+    every = both.bind(build.bind_numbers)
+    bound, colours = every.whole, every.channels
     grid = _common(a.grid, b.grid, tuple(build.indices(bound)))
     (a, error_a), (b, error_b) = _moved(a, grid), _moved(b, grid)
     form = closed_form(bound)
-    alone = [build.bind_numbers(bsdf.stack)[0] for bsdf in (coat, base)]
+    alone = [one.bind(build.bind_numbers).whole for one in spectra]
     exact = all(map(direct_is_certain, (bound, *alone))) and all(
         solution.closed_form == closed_form(own) for solution, own in zip((a, b), alone, strict=True)
     )
@@ -95,7 +106,16 @@ def put_on(coat: AddingBSDF, base: AddingBSDF, **options: Any) -> AddingBSDF:
     }
     forward = dict(zip(media, shares, strict=True))
     solution = Solution(grid, parts, form if exact else None, colours, diagnostics, forward)
-    return AddingBSDF(stack, solution, **options)
+    return (
+        AddingBSDF(both.stack, solution, **options)
+        if both.channels is None
+        else ChannelsBSDF(both, solution, **options)
+    )
+
+
+def spectrum(bsdf: Solved) -> Spectrum:
+    """The description of a result, and the channels beside it."""
+    return bsdf.spectrum if isinstance(bsdf, ChannelsBSDF) else Spectrum.of(bsdf.stack)
 
 
 def joined(coat: Stack, base: Stack) -> Stack:

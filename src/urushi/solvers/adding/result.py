@@ -39,6 +39,19 @@ class Matrices:
     _parts: dict[tuple[bool, bool], Part]
     _colours: int
 
+    @classmethod
+    def of(cls, solution: Solution) -> Matrices:
+        """Those of a solution."""
+        grid, sides = solution.grid, (0,) if (True, False) not in solution.parts else (0, -1)
+        blocks = [block for part in solution.parts.values() for block in part.whole()]
+        return cls(
+            tuple(grid.mu[k] for k in sides),
+            tuple(grid.weights[k] for k in sides),
+            max((block.orders.stop for block in blocks), default=1),
+            solution.parts,
+            solution.colours,
+        )
+
     def operator(self, order: int, from_above: bool = True, to_above: bool = True) -> np.ndarray:
         """One azimuthal order of light that comes from one side and leaves on one side.
 
@@ -151,16 +164,7 @@ class AddingBSDF(BSDF):
     @property
     def matrices(self) -> Matrices:
         """The operators themselves."""
-        grid, solution = self.solution.grid, self.solution
-        sides = (0,) if (True, False) not in solution.parts else (0, -1)
-        blocks = [block for part in solution.parts.values() for block in part.whole()]
-        return Matrices(
-            tuple(grid.mu[k] for k in sides),
-            tuple(grid.weights[k] for k in sides),
-            max((block.orders.stop for block in blocks), default=1),
-            solution.parts,
-            solution.colours,
-        )
+        return Matrices.of(self.solution)
 
     def core(
         self, module: Any, double: bool, spectrum: Any = None, radiance: bool | None = None

@@ -11,8 +11,8 @@ blocks, each on the nodes from `first` on.
 
 from __future__ import annotations
 
-from collections.abc import Iterable
-from dataclasses import dataclass, field
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -88,3 +88,25 @@ class Solution:
             if one.blocks is self.parts[other].blocks and one.rest is self.parts[other].rest:
                 return other
         return None
+
+    def some(self, channels: Sequence[int] | np.ndarray) -> Solution:
+        """The same of some channels, in this order."""
+        k = np.asarray(channels)
+        seen: dict[int, list[Block]] = {}
+
+        def those(blocks: list[Block]) -> list[Block]:
+            # The same list stays the same list: see `twin`.
+            if id(blocks) not in seen:
+                seen[id(blocks)] = [replace(block, values=block.values[k]) for block in blocks]
+            return seen[id(blocks)]
+
+        parts = {
+            side: replace(
+                part,
+                delta=None if part.delta is None else part.delta[k],
+                blocks=those(part.blocks),
+                rest=those(part.rest),
+            )
+            for side, part in self.parts.items()
+        }
+        return replace(self, parts=parts, colours=len(k))

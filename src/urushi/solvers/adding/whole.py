@@ -23,6 +23,7 @@ from .media import METHODS, Method
 from .refine import AZIMUTHS, COSINES, GROWTH, difference, exits, refine
 from .solution import Solution
 from .solver import cut, solve_on
+from .spectrum import Spectrum
 from .table import SIDES
 from .threads import one_thread
 
@@ -33,7 +34,7 @@ Keep = Callable[[list[int], Callable[[], Solution]], Solution]
 
 
 def solution(
-    stack: Stack,
+    stack: Stack | Spectrum,
     accuracy: float,
     nodes: int | Sequence[int] | None = None,
     progress: Callable[[int, float], Any] | None = None,
@@ -45,13 +46,14 @@ def solution(
     """The operators of a stack.
 
     Args:
-        stack, accuracy, nodes, progress, orders, media: as in `urushi.solvers.adding.solve`.
+        stack: the description, or one with the channels that are given beside it.
+        accuracy, nodes, progress, orders, media: as in `urushi.solvers.adding.solve`.
         extra: its `indices`.
         keep: asked for every solution: given the numbers of nodes per panel and what makes it, it may have one.
     """
     problem = _Problem(stack, accuracy, extra, orders, media)
     counts = problem.counts(nodes)
-    heights = _heights(problem.bound, problem.indices)
+    heights = _heights(problem.every.thirds, problem.indices)
     with one_thread():
         found = refine(
             problem.solve if keep is None else lambda n: keep(n, lambda: problem.solve(n)),
@@ -75,15 +77,17 @@ class _Problem:
 
     def __init__(
         self,
-        stack: Stack,
+        stack: Stack | Spectrum,
         accuracy: float,
         extra: Sequence[float],
         orders: int | None = None,
         media: Method = METHODS[0],
     ) -> None:
         llvm.ensure()
-        self.bound, self.colours = build.solvable(stack)
-        self.phases = build.phase_functions(stack)
+        spectrum = stack if isinstance(stack, Spectrum) else Spectrum.of(stack)
+        self.every = spectrum.bind(build.solvable)
+        self.bound, self.colours = self.every.whole, self.every.channels
+        self.phases = build.phase_functions(spectrum.stacks[0])
         self.indices, self.extra = build.indices(self.bound), tuple(extra)
         self.accuracy, self.tolerance = accuracy, 0.1 * accuracy
         self.orders, self.media = orders, media
@@ -91,7 +95,7 @@ class _Problem:
     def solve(self, counts: list[int]) -> Solution:
         bound = self.bound
         grid = replace(Grid.build([*self.indices, *self.extra], counts), indices=tuple(self.indices))
-        layers = build.layers(bound, self.phases, grid, self.tolerance, bool(self.extra), self.media)
+        layers = self.every.layers(self.phases, grid, self.tolerance, bool(self.extra), method=self.media)
         found = solve_on(bound, grid, layers, self.colours, self.tolerance, bool(self.extra), self.orders)
         media = [layer for layer in layers if isinstance(layer, MediumLayer)]
         regions = [r for r, medium in enumerate(bound.media) if medium is not None]
@@ -129,8 +133,14 @@ def _with_left_out(
     )
 
 
-def _heights(stack: BoundStack, indices: Sequence[float]) -> dict[tuple[bool, bool], np.ndarray] | None:
-    """The largest f of the outermost interfaces where `refine` looks (see `difference`); None if they are smooth."""
+def _heights(
+    thirds: Sequence[BoundStack], indices: Sequence[float]
+) -> dict[tuple[bool, bool], np.ndarray] | None:
+    """The largest f of the outermost interfaces where `refine` looks (see `difference`); None if they are smooth.
+
+    Of all channels, three of which each of the stacks has.
+    """
+    stack = thirds[0]
     if stack.interfaces[0].delta is True and stack.interfaces[-1].delta is True:
         return None
     if not direct_is_certain(stack):
@@ -146,6 +156,7 @@ def _heights(stack: BoundStack, indices: Sequence[float]) -> dict[tuple[bool, bo
         wi = Array3f64(-dr.sqrt(1 - i * i), 0, up_i * i)
         sin = dr.sqrt(1 - o * o)
         wo = Array3f64(sin * dr.cos(phi), sin * dr.sin(phi), up_o * o)
-        value = np.array(direct(stack, wi, wo)).reshape(-1, len(COSINES), mu_o.shape[1], len(AZIMUTHS))
+        every = np.concatenate([np.array(direct(third, wi, wo)).ravel() for third in thirds])
+        value = every.reshape(-1, len(COSINES), mu_o.shape[1], len(AZIMUTHS))
         found[side] = (value / mu_o[..., None]).max(axis=(0, 2, 3))
     return found
