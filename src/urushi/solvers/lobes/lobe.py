@@ -32,8 +32,8 @@ class Lobe:
         alpha_x, alpha_y, frame: roughness along the axes of a frame.
         same: True on the side of the light, False on the other.
         layer: number of the interface that sent it.
-        kind: "reflected", "forward" (scattered forwards by a medium on the way), "transmitted", or "delayed" (the part of
-            that which went to and fro on its way).
+        kind: "reflected", "forward" (scattered forwards by a medium on the way), "transmitted", or "delayed" (the part
+            of that which went to and fro on its way).
         gain: what `gains` would say, where it is known already.
     """
 
