@@ -10,6 +10,7 @@ from hypothesis import strategies as st
 
 import urushi as ur
 from urushi.description.base import Description
+from urushi.description.graded import Profile
 from urushi.description.parameter import Covariance, Normal, Parameter, Roughness
 from urushi.description.phases import Curve
 from urushi.optics.ior import conductor_names
@@ -84,6 +85,8 @@ def layers(draw: st.DrawFn, kind: str, textured: bool = False) -> Description:
             given[name] = draw(st.sampled_from(conductor_names()))
         elif isinstance(rule, Parameter):
             given[name] = draw(values(rule, textured))
+        elif isinstance(rule, Profile):
+            given[name] = draw(st.lists(st.floats(0, 1), min_size=rule.least, max_size=9))
         else:
             given[name] = draw(st.sampled_from(rule.choices))  # type: ignore[attr-defined]
     if "eta" in given and _zero(given["eta"]) and _zero(given["k"]):

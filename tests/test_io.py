@@ -299,7 +299,7 @@ def test_schema_describes_the_files() -> None:
         for option in schema["$defs"]["layer"]["anyOf"][1:]
         for kind, body in option["properties"].items()
     }
-    assert set(layers) == {"dielectric", "conductor", "diffuse", "medium"}
+    assert set(layers) == {"dielectric", "conductor", "diffuse", "medium", "graded"}
     assert layers["dielectric"]["properties"]["ior"]["anyOf"][0] == {
         "type": "number",
         "minimum": 1.0,

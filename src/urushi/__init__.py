@@ -24,6 +24,7 @@ from urushi.stack import (
     Conductor,
     Dielectric,
     Diffuse,
+    GradedMedium,
     HenyeyGreenstein,
     Isotropic,
     Medium,
@@ -44,9 +45,9 @@ __version__ = "0.1.0"
 
 # fmt: off
 __all__ = [
-    "Conductor", "Dielectric", "Diffuse", "HenyeyGreenstein", "Isotropic", "MaterialError", "Medium", "Rayleigh",
-    "Stack", "Tabulated", "Texture", "UnsupportedStack", "UrushiError", "add", "compare", "load", "presets", "save",
-    "schema", "solve",
+    "Conductor", "Dielectric", "Diffuse", "GradedMedium", "HenyeyGreenstein", "Isotropic", "MaterialError", "Medium",
+    "Rayleigh", "Stack", "Tabulated", "Texture", "UnsupportedStack", "UrushiError", "add", "compare", "load", "presets",
+    "save", "schema", "solve",
 ]
 # fmt: on
 

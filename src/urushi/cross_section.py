@@ -146,11 +146,11 @@ def _taken_apart(stack: Stack) -> tuple[list[_Band], list[_Surface]]:
                 bands.append(_Band("gap", index, [f"{count - len(shown)} layers more, not drawn"]))
                 waiting = None
             continue
-        if waiting and layer.kind != "medium":  # a clear layer between two surfaces
+        if waiting and not layer.is_medium:  # a clear layer between two surfaces
             surfaces.append(waiting)
             bands.append(_Band("clear", index))
             waiting = None
-        if layer.kind == "medium":
+        if layer.is_medium:
             surfaces.append(waiting or _Surface())
             bands.append(_Band("medium", index, _said(i, layer), layer))
             waiting = None
@@ -188,7 +188,7 @@ def _height(band: _Band) -> float:
 
 def _said(i: int, layer: Any) -> list[str]:
     """The lines of a layer's label; the first is its heading."""
-    surface = layer.kind != "medium"
+    surface = not layer.is_medium
     how = (", rough" if _slope(layer) > 0 else ", smooth") if surface and layer.kind != "diffuse" else ""
     return [f"{i}  {layer.kind.replace('_', ' ')}{how}", *textwrap.wrap(in_words(layer), WRAP)]
 
@@ -235,7 +235,7 @@ def _filled(band: _Band, upper: tuple[Point, ...], lower: tuple[Point, ...], see
 
 def particles(medium: Any) -> int:
     """How many particles a medium is drawn with: more with its scattering optical depth, at most 160."""
-    depth, albedo = _three(_depth(medium), 1.0), _three(medium.albedo, 0.5)
+    depth, albedo = _three(_depth(medium), 1.0), _albedo(medium)
     scattering = sum(d * a for d, a in zip(depth, albedo, strict=True)) / 3
     return math.ceil(160 * (1 - math.exp(-scattering / 2))) if scattering > 0 else 0
 
@@ -279,7 +279,7 @@ def _label(lines: Sequence[str], y: float, leader: bool = True) -> list[Shape]:
 
 def _tint(medium: Any) -> Colour:
     """What white light is left with after crossing the medium once; scattered light counts as left."""
-    depth, albedo = _three(_depth(medium), 1.0), _three(medium.albedo, 0.5)
+    depth, albedo = _three(_depth(medium), 1.0), _albedo(medium)
     r, g, b = (math.exp(-d * (1 - a)) for d, a in zip(depth, albedo, strict=True))
     return r, g, b
 
@@ -323,6 +323,11 @@ def _depth(medium: Any) -> Any:
         return medium.depth
     both = zip(_three(medium.thickness, 1.0), _three(medium.sigma_t, 1.0), strict=True)
     return tuple(thickness * sigma for thickness, sigma in both)
+
+
+def _albedo(medium: Any) -> Colour:
+    """That of a graded medium is its mean."""
+    return _three(getattr(medium, "mean_albedo", medium.albedo), 0.5)
 
 
 def _number(value: Any, unknown: float) -> float:

@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Annotated, Any
 
 from urushi.description.base import Data, Description, Registered, Rule, Text, close, inside, shown
+from urushi.description.graded import GradedMedium
 from urushi.description.layers import LAYERS, Conductor, Dielectric, Diffuse, Layer, Medium
 from urushi.description.parameter import Parameter, Texture
 from urushi.description.phases import PHASES, HenyeyGreenstein, Isotropic, Rayleigh, Tabulated
@@ -21,6 +22,7 @@ __all__ = [
     "Conductor",
     "Dielectric",
     "Diffuse",
+    "GradedMedium",
     "HenyeyGreenstein",
     "Isotropic",
     "Layer",
@@ -99,8 +101,9 @@ class Stack(Description):
 
     Args:
         name: what the material is called (may be empty).
-        layers: at least one layer, from the top down: `Dielectric`, `Medium`, and at the bottom perhaps an opaque
-            base (`Conductor` or `Diffuse`). Without a base the stack transmits. It may begin or end with a medium.
+        layers: at least one layer, from the top down: `Dielectric`, `Medium`, `GradedMedium`, and at the bottom
+            perhaps an opaque base (`Conductor` or `Diffuse`). Without a base the stack transmits. It may begin or end
+            with a medium.
         exterior: absolute index of the material above the first layer, 1 (air) to 5.
         description: a sentence or two about the material.
 

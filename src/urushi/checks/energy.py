@@ -61,6 +61,8 @@ def lossless(stack: Stack) -> str:
             return ""
         if layer.kind == "medium" and not _all(layer.albedo, 1) and not _all(layer.optical_depth, 0):  # type: ignore[attr-defined]
             return ""
+        if layer.kind == "graded" and not _all(layer.albedo, 1) and not _all(layer.depth, 0):  # type: ignore[attr-defined]
+            return ""
         rough = rough or not _all(getattr(layer, "alpha", 0), 0)
     return "rough" if rough else "smooth"
 

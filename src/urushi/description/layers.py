@@ -94,6 +94,9 @@ class Layer(Description):
     opaque: ClassVar[bool] = False
     """Nothing passes through: the layer can only be the last one."""
 
+    is_medium: ClassVar[bool] = False
+    """It fills the space between two interfaces rather than being one."""
+
     @classmethod
     def called(cls) -> str:
         """The layer in a sentence: ``a conductor``."""
@@ -300,6 +303,7 @@ class Medium(Layer):
     """
 
     kind = "medium"
+    is_medium = True
     alternatives = (("depth",), ("thickness", "sigma_t"))
 
     depth: Annotated[

@@ -9,9 +9,10 @@ from __future__ import annotations
 
 from typing import Any
 
+from .graded import BoundGraded
 from .homogeneous import BoundMedium, entry_height, inverse_cosine
 
 #: the class that binds the numbers of each described medium
-MEDIA: dict[str, Any] = {"medium": BoundMedium}
+MEDIA: dict[str, Any] = {"medium": BoundMedium, "graded": BoundGraded}
 
-__all__ = ["MEDIA", "BoundMedium", "entry_height", "inverse_cosine"]
+__all__ = ["MEDIA", "BoundGraded", "BoundMedium", "entry_height", "inverse_cosine"]

@@ -131,7 +131,7 @@ def _against(stack: Stack) -> list[str]:
     indices = [stack.exterior]
     reasons = []
     for i, layer in enumerate(stack.layers):
-        if layer.kind == "medium":
+        if layer.is_medium:
             continue
         if getattr(layer, "multiple_scattering", False) == "walk":
             reasons.append(f"layers[{i}] has multiple_scattering='walk', whose noise adding would keep")

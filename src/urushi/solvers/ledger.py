@@ -127,7 +127,7 @@ def owners(stack: Stack) -> tuple[list[int | None], list[int | None]]:
     interfaces: list[int | None] = []
     media: list[int | None] = [None]
     for i, layer in enumerate(stack.layers):
-        if layer.kind != "medium":
+        if not layer.is_medium:
             interfaces.append(i)
             media.append(None)
             continue

@@ -9,11 +9,12 @@ import numpy as np
 from urushi.stack import Stack
 
 from ...interfaces import Null
-from ...media import MEDIA
+from ...media import MEDIA, BoundGraded
 from ..bound import BoundStack, bind
 from ..direct import direct_is_certain
 from ..numbers import gather_numbers
 from .basis import Grid
+from .graded import GradedLayer
 from .interfaces import MOST_ORDERS, RoughLayer, same_surface
 from .layers import Layer, MediumLayer, SmoothLayer, TurnedOver, numbers
 from .media import METHODS, Method
@@ -71,7 +72,7 @@ def phase_functions(stack: Stack) -> list[Phase]:
     """The phase functions of the media, from the top."""
     found = []
     for i, layer in enumerate(stack.layers):
-        if layer.kind == "medium":
+        if layer.is_medium:
             head = f"layer_{i}.phase."
             given: dict[str, Any] = {
                 name.removeprefix(head): value
@@ -101,6 +102,7 @@ def layers(
         not complete
         and all(isinstance(interface, Null) for interface in stack.interfaces)
         and len(phases) == 1
+        and not any(isinstance(medium, BoundGraded) for medium in stack.media)
     )
     found: list[Layer | None] = []
     rough: dict[int, Layer] = {}
@@ -109,7 +111,12 @@ def layers(
         if medium is not None:
             phase = remaining.pop(0)
             most = terms(phase, tolerance, times=2) if lone else MOST_TERMS
-            found.append(MediumLayer(medium, phase, grid, k + 1, 0.01 * tolerance, most=most, method=method))
+            if isinstance(medium, BoundGraded):
+                found.append(GradedLayer(medium, phase, grid, k + 1, 0.01 * tolerance, method))
+            else:
+                found.append(
+                    MediumLayer(medium, phase, grid, k + 1, 0.01 * tolerance, most=most, method=method)
+                )
         if isinstance(interface, Null):
             found.append(None)
             continue

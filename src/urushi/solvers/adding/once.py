@@ -15,7 +15,7 @@ from typing import Any
 import drjit as dr
 import numpy as np
 
-from ...media import BoundMedium, inverse_cosine
+from ...media import BoundGraded, BoundMedium, inverse_cosine
 from ...optics.vectors import Array, Vector, at_least, at_most, channels
 from ..bound import BoundStack
 from ..smooth import snell
@@ -28,6 +28,8 @@ def covers(stack: BoundStack, from_above: bool, to_above: bool) -> bool:
     for above in {from_above, to_above}:
         interface, medium = _outer(stack, above)
         if interface.opaque or interface.delta is not True or medium is None or not medium.scatters:
+            return False
+        if isinstance(medium, BoundGraded):  # its albedo varies along the way
             return False
     return True
 

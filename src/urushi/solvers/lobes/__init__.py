@@ -35,6 +35,8 @@ def reasons_against(stack: Stack, published: bool = False) -> list[str]:
     """What of this stack the method cannot do; empty if it can."""
     reasons = []
     for i, layer in enumerate(stack.layers):
+        if layer.kind == "graded":
+            reasons.append(f"layers[{i}] is a graded medium, and lobes know homogeneous ones only")
         if published and getattr(layer, "normal", None) is not None:
             reasons.append(f"layers[{i}].normal is given, which the published method does not know")
         if published and layer.kind == "diffuse":

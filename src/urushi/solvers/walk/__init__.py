@@ -28,7 +28,11 @@ OPTIONS = ("samples", "seed", "max_depth", "parameters", "backend", "precision",
 
 def reasons_against(stack: Stack) -> list[str]:
     """What of this stack the walk cannot do; empty if it can."""
-    return []
+    return [
+        f"layers[{i}] is a graded medium, in which the walk knows no way from one collision to the next"
+        for i, layer in enumerate(stack.layers)
+        if layer.kind == "graded"
+    ]
 
 
 def solve(stack: Stack, **options: Any) -> Any:
