@@ -121,8 +121,12 @@ class Partial:
 
         file = self.head.with_name(f"{self.head.name}.{'-'.join(map(str, counts))}.part")
         try:
-            stack, found = read(file)
-            if stack == self.stack and [panel.count for panel in found.grid.panels] == counts:
+            told, found = read(file)
+            if (
+                told.stack == self.stack
+                and told.channels is None
+                and [panel.count for panel in found.grid.panels] == counts
+            ):
                 self.files.append(file)
                 return found
         except MaterialError:

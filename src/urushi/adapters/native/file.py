@@ -16,14 +16,16 @@ import numpy as np
 from urushi.errors import MaterialError, UrushiError
 from urushi.io import dumps, loads, replace
 from urushi.solvers.adding import build
+from urushi.solvers.adding.channels import ChannelsBSDF
 from urushi.solvers.adding.once import covers
 from urushi.solvers.adding.result import AddingBSDF
 from urushi.solvers.adding.solution import Block, Solution
 from urushi.solvers.adding.solver import scattered_once
+from urushi.solvers.adding.spectrum import Spectrum
 from urushi.stack import Stack
 
 from . import header as headers
-from .packing import MOST, Known, pack, shapes, unpack
+from .packing import FREE, MOST, Known, most_numbers, pack, shapes, unpack
 
 ENDING = ".urushi.npz"
 #: what is in the data one after another, and the type of its numbers
@@ -35,11 +37,11 @@ DENSEST = 32
 _HEAD = 1 << 10
 
 
-def save(bsdf: AddingBSDF, path: str | os.PathLike[str], *, error: float | None = None) -> int:
+def save(bsdf: AddingBSDF | ChannelsBSDF, path: str | os.PathLike[str], *, error: float | None = None) -> int:
     """Write a solved stack, whole or not at all.
 
     Args:
-        bsdf: what `solve(stack, "adding")` gave.
+        bsdf: what `solve(stack, "adding")` gave, of any number of channels.
         path: a name ending in ``.urushi.npz``; an existing file is replaced once the new one is complete.
         error: what the file may add to the error of the BSDF, relative to its peak for the same angle of incidence,
             1e-7 to 0.1; by default what the solution left of the accuracy asked for, but a tenth of that at least, and
@@ -53,11 +55,11 @@ def save(bsdf: AddingBSDF, path: str | os.PathLike[str], *, error: float | None 
     """
     name = _printable(path)
     try:
-        if not isinstance(bsdf, AddingBSDF):
+        if not isinstance(bsdf, AddingBSDF | ChannelsBSDF):
             raise MaterialError(f"found a {type(bsdf).__name__}; allowed: what solve(stack, 'adding') gives")
         if not name.endswith(ENDING):
             raise MaterialError(f"found another ending; allowed: {ENDING}")
-        content = packed(bsdf.stack, bsdf.solution, spare(bsdf) if error is None else error)
+        content = packed(_described(bsdf), bsdf.solution, spare(bsdf) if error is None else error)
         replace(Path(os.path.realpath(os.fsdecode(path))), content)
     except MaterialError as fault:
         raise MaterialError(fault.problem, where=fault.where, file=name) from None
@@ -68,7 +70,7 @@ def save(bsdf: AddingBSDF, path: str | os.PathLike[str], *, error: float | None 
     return len(content)
 
 
-def spare(bsdf: AddingBSDF) -> float:
+def spare(bsdf: AddingBSDF | ChannelsBSDF) -> float:
     """The error that `save` adds by default, relative to the peak of the BSDF for the same angle of incidence."""
     accuracy = float(bsdf.solution.diagnostics.get("accuracy", 1e-3))
     left = accuracy - float(bsdf.solution.diagnostics.get("estimated_error", accuracy))
@@ -76,7 +78,7 @@ def spare(bsdf: AddingBSDF) -> float:
     return float(digits[:3] + digits[-4:])  # rounded down to two of them
 
 
-def load(path: str | os.PathLike[str], **options: Any) -> AddingBSDF:
+def load(path: str | os.PathLike[str], **options: Any) -> AddingBSDF | ChannelsBSDF:
     """Read a solved stack.
 
     Args:
@@ -84,19 +86,21 @@ def load(path: str | os.PathLike[str], **options: Any) -> AddingBSDF:
         **options: `backend`, `precision`, `mode`, `order`: see `AddingBSDF`.
 
     Returns:
-        The BSDF, its description in `stack`. Its diagnostics are those of the solver, and "file_error", what the file
-        added to the error.
+        The BSDF, its description in `stack`, and its channels in `parameters` where they are not a colour's. Its
+        diagnostics are those of the solver, and "file_error", what the file added to the error.
 
     Raises:
         MaterialError: no such file, another format or version, sizes that do not fit together, numbers that no BSDF
             has, or a description that is not that of the operators.
         UrushiError: an option out of range.
     """
-    stack, solution = read(path)
-    return AddingBSDF(stack, solution, **options)
+    spectrum, solution = read(path)
+    if spectrum.channels is None:
+        return AddingBSDF(spectrum.stack, solution, **options)
+    return ChannelsBSDF(spectrum, solution, **options)
 
 
-def read(path: str | os.PathLike[str]) -> tuple[Stack, Solution]:
+def read(path: str | os.PathLike[str]) -> tuple[Spectrum, Solution]:
     """The description and the operators in a file; raises as `load` does."""
     name = _printable(path)
     try:
@@ -124,10 +128,17 @@ def read(path: str | os.PathLike[str]) -> tuple[Stack, Solution]:
         ) from None
 
 
-def packed(stack: Stack, solution: Solution, error: float) -> bytes:
+def packed(stack: Stack | Spectrum, solution: Solution, error: float) -> bytes:
     """The whole file as bytes; see `save`."""
-    found, arrays = pack(solution, error, _known(stack))
-    text = headers.text(found, dumps(stack, "json"), solution.diagnostics)
+    spectrum = stack if isinstance(stack, Spectrum) else Spectrum.of(stack)
+    found, arrays = pack(solution, error, _known(spectrum))
+    if spectrum.channels is not None:
+        if spectrum.channels > headers.MOST_CHANNELS:
+            raise MaterialError(
+                f"found {spectrum.channels} channels; allowed: at most {headers.MOST_CHANNELS} in a file"
+            )
+        found["channels"] = {name: values.tolist() for name, values in spectrum.parameters.items()}
+    text = headers.text(found, dumps(spectrum.stack, "json"), solution.diagnostics)
     data = b"".join(np.ascontiguousarray(arrays[name], kind).tobytes() for name, kind in TYPES.items())
     members = {"header": np.frombuffer(text, np.uint8), "data": np.frombuffer(data, np.uint8)}
     stream = io.BytesIO()
@@ -144,7 +155,11 @@ def packed(stack: Stack, solution: Solution, error: float) -> bytes:
     return stream.getvalue()
 
 
-def _read(stream: Any, size: int) -> tuple[Stack, Solution]:
+def _described(bsdf: AddingBSDF | ChannelsBSDF) -> Spectrum:
+    return bsdf.spectrum if isinstance(bsdf, ChannelsBSDF) else Spectrum.of(bsdf.stack)
+
+
+def _read(stream: Any, size: int) -> tuple[Spectrum, Solution]:
     with zipfile.ZipFile(stream) as archive:
         entries = {entry.filename: entry for entry in archive.infolist()}
         wanted = [f"{name}.npy" for name in MEMBERS]
@@ -161,6 +176,11 @@ def _read(stream: Any, size: int) -> tuple[Stack, Solution]:
         text = _array(archive, entries["header.npy"], "|u1", None).tobytes()
         header, description, diagnostics = headers.parsed(text, size)
         expected = shapes(header)
+        if (count := most_numbers(header)) > max(FREE, headers.PER_BYTE * size):
+            raise MaterialError(
+                f"found operators of {count} numbers in a file of {size} bytes; allowed: no more than such a file has",
+                where="parts",
+            )
         sizes = {name: math.prod(expected[name]) * np.dtype(kind).itemsize for name, kind in TYPES.items()}
         data = _array(archive, entries["data.npy"], "|u1", (sum(sizes.values()),)).tobytes()
     arrays, start = {}, 0
@@ -170,19 +190,19 @@ def _read(stream: Any, size: int) -> tuple[Stack, Solution]:
     for name in ("delta", "peaks"):
         if not np.isfinite(arrays[name]).all():
             raise MaterialError("found a value that is not finite; allowed: numbers", where=name)
-    stack = loads(description, "json")
-    _check_stack(stack, header)
+    spectrum = Spectrum.of(loads(description, "json"), header.get("channels"))
+    _check_stack(spectrum, header)
     diagnostics = {**diagnostics, "file_error": header["error"]}
-    return stack, unpack(header, arrays, diagnostics, _known(stack))
+    return spectrum, unpack(header, arrays, diagnostics, _known(spectrum))
 
 
-def _known(stack: Stack) -> Known:
+def _known(spectrum: Spectrum) -> Known:
     """What the description says of the operators (see `packing`)."""
     from urushi import llvm
 
     llvm.ensure()
-    bound, _ = build.bind_numbers(stack)
-    phases = build.phase_functions(stack)
+    bound = spectrum.bind(build.bind_numbers).whole
+    phases = build.phase_functions(spectrum.stacks[0])
 
     def known(
         solution: Solution, side: tuple[bool, bool], blocks: list[tuple[range, int]]
@@ -225,12 +245,17 @@ def _array(
     return np.frombuffer(body, kind).reshape(shape)
 
 
-def _check_stack(stack: Stack, header: dict[str, Any]) -> None:
+def _check_stack(spectrum: Spectrum, header: dict[str, Any]) -> None:
     """The description has the indices, colours and sides of the operators."""
     from urushi import llvm
 
     llvm.ensure()
-    bound, colours = build.bind_numbers(stack)
+    if ("channels" in header) != (spectrum.channels is not None):
+        raise MaterialError(
+            "found no other channels than a colour's; allowed: none of them", where="channels"
+        )
+    every = spectrum.bind(build.bind_numbers)
+    bound, colours = every.whole, every.channels
     indices = build.indices(bound)
     found = len(header["indices"]), header["colours"], "above to below" not in header["parts"]
     allowed = len(indices), colours, bound.opaque

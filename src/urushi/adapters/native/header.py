@@ -17,6 +17,8 @@ VERSION = 2
 MOST_NODES, MOST_ORDERS = 4096, 1 << 14
 #: nodes that any file may have, and the square of how many each of its bytes allows
 FREE_NODES, PER_BYTE = 1024, 256
+#: channels, and how many parameters may have them
+MOST_CHANNELS, MOST_VARIED = 4096, 4096
 
 
 def text(header: dict[str, Any], description: str, diagnostics: dict[str, Any]) -> bytes:
@@ -52,10 +54,12 @@ def parsed(content: bytes, size: int) -> tuple[dict[str, Any], str, dict[str, An
             data["urushi solved stack"],
             f"version {VERSION} of the format; save the stack again",
         )
-    if not isinstance(data, dict) or set(data) != keys:
+    if not isinstance(data, dict) or set(data) - {"channels"} != keys:
         found = sorted(data)[:20] if isinstance(data, dict) else type(data).__name__
         raise _wrong("header", found, f"a mapping with the keys {', '.join(sorted(keys))}")
-    if not _whole(data["colours"], 1, 4):
+    if "channels" in data:
+        _check_channels(data)
+    elif not _whole(data["colours"], 1, 4):
         raise _wrong("colours", data["colours"], "1 to 4")
     if not _whole(data["planes"], 0, PLANES):
         raise _wrong("planes", data["planes"], f"0 to {PLANES}")
@@ -82,6 +86,19 @@ def parsed(content: bytes, size: int) -> tuple[dict[str, Any], str, dict[str, An
     own = {"urushi solved stack", "stack", "diagnostics"}
     header = {name: value for name, value in data.items() if name not in own}
     return header, json.dumps(data["stack"]), diagnostics
+
+
+def _check_channels(data: dict[str, Any]) -> None:
+    """Parameters with as many values as there are channels, or one; their names are the description's to know."""
+    given, count = data["channels"], data["colours"]
+    if not _whole(count, 1, MOST_CHANNELS):
+        raise _wrong("colours", count, f"1 to {MOST_CHANNELS}")
+    if not isinstance(given, dict) or not 1 <= len(given) <= MOST_VARIED:
+        raise _wrong("channels", given, f"1 to {MOST_VARIED} parameters")
+    for name, value in given.items():
+        values = value if isinstance(value, list) else [value]
+        if len(values) > max(count, 2) or not all(_number(v, -1e300, 1e300) for v in values):
+            raise _wrong(f"channels[{name[:60]}]", value, f"a number, or {count} of them")
 
 
 def _check_grid(data: dict[str, Any], size: int) -> None:

@@ -45,6 +45,8 @@ PLANES = 8
 ROUGH = np.uint32(0xFFFFF000)
 #: less than this is not told from nothing, as peaks are kept in single precision
 FAINT = 1e-35
+#: numbers that operators may have, however few bytes tell them
+FREE = 1 << 24
 #: errors that the integers have room for
 LEAST, MOST = 1e-7, 0.1
 
@@ -168,7 +170,8 @@ def pack(
         found = np.diff(np.diff(whole, axis=2, prepend=0), axis=3, prepend=0)[:, :, rows, columns]
         values.append(((found << 1) ^ (found >> 63)).astype("<u8").ravel())  # small ones stay small
     planes = np.concatenate(values).view(np.uint8).reshape(-1, PLANES).T
-    header["planes"] = next((k for k in range(PLANES, 0, -1) if planes[k - 1].any()), 0)
+    least = int(planes.shape[1] > FREE)  # so that a file of nothing but zeros is as large as it claims
+    header["planes"] = next((k for k in range(PLANES, 0, -1) if planes[k - 1].any()), least)
     return header, {
         "delta": np.concatenate(
             [
@@ -252,6 +255,16 @@ def shapes(header: dict[str, Any]) -> dict[str, tuple[int, ...]]:
             colours * sum(piece.pairs * len(piece.orders) for piece in pieces(header)),
         ),
     }
+
+
+def most_numbers(header: dict[str, Any]) -> int:
+    """How many numbers the operators of a header have, those included that the description tells."""
+    found = 0
+    for name, part in header["parts"].items():
+        n_in, n_out = _nodes(header, name)
+        for start, stop, first in (*part["blocks"], *part["rest"]):
+            found += (stop - start) * max(n_in - first, 0) * max(n_out - first, 0)
+    return int(header["colours"] * found)
 
 
 def pieces(header: dict[str, Any]) -> Iterator[Piece]:
