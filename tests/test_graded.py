@@ -10,6 +10,7 @@ from lanes import needs_llvm
 from mitsuba_plugin import Asked, layered
 from outside import degrees
 from urushi.adapters import native
+from urushi.checks.energy import lossless
 from urushi.solvers.adding.graded import Piece
 
 pytestmark = needs_llvm
@@ -54,7 +55,7 @@ def test_it_is_a_description_like_others(tmp_path):
         for name in pane(ur.Medium(depth=1, albedo=0, phase=FORWARD)).parameters()
         if "albedo" not in name
     ]
-    assert "polygon" in stack._repr_html_()
+    assert "polygon" in ur.Stack(layers=[ur.GradedMedium(depth=2.0, albedo=(0.2, 0.9))])._repr_html_()
 
 
 @pytest.mark.parametrize(
@@ -85,6 +86,23 @@ def test_many_slabs_approach_it_with_the_square_of_their_depth():
     errors = [np.abs(values(pane(*slabs(count))) - found).max() for count in (8, 16, 32)]
     assert 1e-4 < errors[0] < 1e-3 and errors[2] < 2e-5
     assert 3 < errors[0] / errors[1] < 6 and 3 < errors[1] / errors[2] < 6
+
+
+def test_alone_it_has_all_orders_of_what_is_scattered_once():
+    """No interface is there, and no closed form takes the sharp part of what it scatters once."""
+    graded = ur.GradedMedium(depth=1.0, albedo=(0.9, 0.5), phase=FORWARD)
+    plain = slabs(32, (0.9, 0.5), 1.0)
+    found, expected = (values(ur.Stack(layers=layers), nodes=16) for layers in ([graded], plain))
+    np.testing.assert_allclose(found[:, :6], expected[:, :6], atol=1e-4)
+    bsdf, slices = (
+        ur.solve(ur.Stack(layers=x), "adding", nodes=16, accuracy=1e-5) for x in ([graded], plain)
+    )
+    assert bsdf.diagnostics["orders"] >= 20
+    for order in range(0, 24, 3):
+        one, other = (b.matrices.operator(order) for b in (bsdf, slices))
+        steep = np.s_[:, :10, :10]  # light that grazes sees only the first of the slabs
+        assert other[steep].max() > 1e-8
+        np.testing.assert_allclose(one[steep], other[steep], atol=2e-3 * other[steep].max())
 
 
 def test_a_peak_that_the_nodes_do_not_resolve():
@@ -152,6 +170,11 @@ def test_beside_colours_and_under_rough_faces():
     ).reflectance(degrees(30))[0]
     np.testing.assert_allclose(many[[0, 2, 4]], red, rtol=1e-9)
     assert red[0] > red[1] > red[2]
+
+
+def test_what_cannot_absorb_is_known_to():
+    for albedo, depth, known in (((1, 1), 1, "smooth"), ((1, 0.9), 1, ""), ((0, 1), 0, "smooth")):
+        assert lossless(pane(ur.GradedMedium(depth=depth, albedo=albedo))) == known
 
 
 # ---------------------------------------------------------------------------------- who can solve it
