@@ -9,6 +9,7 @@ import pytest
 
 import urushi as ur
 from lanes import needs_llvm
+from urushi.comparison.contenders import contender
 from urushi.errors import MaterialError, UrushiError
 from urushi.solvers.adding import whole
 
@@ -200,6 +201,11 @@ def test_colours_are_no_channels() -> None:
         stack = ur.Stack(layers=[*SLAB.layers[:2], layer])
         with pytest.raises(MaterialError, match=rf"layer_2\.{name}: found a colour.*7 channels"):
             ur.solve(stack, "adding", nodes=8, parameters=GIVEN)
+
+
+def test_a_spectrum_is_not_compared_with_colours(several) -> None:
+    with pytest.raises(UrushiError, match="contender: found 7 channels; allowed: one or three"):
+        contender(several)
 
 
 # --- one spectrum on another -----------------------------------------------------------------------------------------

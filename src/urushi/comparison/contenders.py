@@ -57,13 +57,17 @@ def contender(given: Any) -> Contender:
     """What was given, as a BSDF: anything that `urushi.adapters.answer.answer` takes.
 
     Raises:
-        UrushiError: nothing that it takes.
+        UrushiError: nothing that it takes, or other channels than a colour's.
     """
     if isinstance(given, str) and not is_answer(given) and not Path(given).suffix:
         raise UrushiError(
             f"contender: found {given!r}; allowed: {', '.join(FITTED)}, a Mitsuba BSDF as JSON, or a file"
         )
+    from urushi.solvers.adding.channels import ChannelsBSDF
+
     bsdf = answer(given)
+    if isinstance(bsdf, ChannelsBSDF):
+        raise UrushiError(f"contender: found {bsdf.channels} channels; allowed: one or three")
     if isinstance(given, dict) or (isinstance(given, str) and given.lstrip().startswith("{")):
         text = given if isinstance(given, str) else json.dumps(given, default=str)
         return Contender(_named(bsdf), bsdf, text, len(text))
