@@ -179,6 +179,17 @@ def test_diagnostics_are_those_of_the_solution(several) -> None:
     assert several.diagnostics["closed_form"] == "single" and several.diagnostics["precision"] == "double"
 
 
+def test_diagnostics_of_the_tables_are_those_of_all_parts() -> None:
+    found = ur.solve(SLAB, "adding", nodes=6, orders=2, parameters=GIVEN)
+    assert "table_bytes" not in found.diagnostics
+    each = [part.diagnostics for part in found.parts]
+    for name, of_all in (("table_bytes", sum), ("sampling_bytes", sum), ("azimuthal_error", max)):
+        assert found.diagnostics[name] == of_all(said[name] for said in each)
+    assert found.diagnostics["most_negative"] == min(said["most_negative"] for said in each) <= 0
+    with pytest.raises(KeyError):
+        found.diagnostics["magic"]
+
+
 def test_two_values_are_channels_unless_they_are_a_roughness() -> None:
     """A roughness along x and along y is refused as such, not taken for two channels."""
     stack = ur.Stack(layers=[COAT, ur.Diffuse(reflectance=0.5)])

@@ -14,8 +14,8 @@ import numpy as np
 import pytest
 
 import urushi as ur
+from native_files import array, rebuilt, reheaded
 from urushi.adapters import native
-from urushi.adapters.fourier.export import fourier_of
 from urushi.adapters.native import file as native_file
 from urushi.adapters.native.packing import pack, shapes, unpack
 from urushi.errors import MaterialError, UrushiError
@@ -213,36 +213,6 @@ def test_the_same_solution_makes_the_same_bytes(saved, tmp_path):
     assert saved("open").read_bytes() == saved("open").read_bytes()
 
 
-def rebuilt(path, change):
-    """The file with its members changed: change(name, content) -> content or None."""
-    stream = io.BytesIO()
-    with zipfile.ZipFile(path) as old, zipfile.ZipFile(stream, "w", zipfile.ZIP_DEFLATED) as new:
-        for name in old.namelist():
-            content = change(name, old.read(name))
-            if content is not None:
-                new.writestr(name, content)
-    path.write_bytes(stream.getvalue())
-    return path
-
-
-def array(content, kind=None):
-    with io.BytesIO() as stream:
-        np.lib.format.write_array(stream, np.asarray(content, kind), version=(1, 0))
-        return stream.getvalue()
-
-
-def reheaded(path, **changes):
-    def change(name, content):
-        if name != "header.npy":
-            return content
-        data = json.loads(np.load(io.BytesIO(content)).tobytes())
-        for key, value in changes.items():
-            data[key] = value(data[key]) if callable(value) else value
-        return array(np.frombuffer(json.dumps(data).encode(), np.uint8))
-
-    return rebuilt(path, change)
-
-
 HEADERS = {
     "urushi solved stack": 1,
     "mirror": True,
@@ -279,83 +249,6 @@ def test_few_bytes_do_not_ask_for_many_numbers(saved):
     parts = {name: {"blocks": [], "rest": [[0, 1 << 14, 0]]} for name in parts}
     with pytest.raises(MaterialError, match=r"operators of \d+ numbers in a file of \d+ bytes"):
         native.load(reheaded(saved("open"), parts=parts, once=["above to above"], **sizes))
-
-
-# --- other channels than a colour's ----------------------------------------------------------------------------------
-
-
-@pytest.fixture(scope="module")
-def spectra():
-    """By number of channels: light scattered once, delta parts, and a base of many colours."""
-    stack = ur.Stack(
-        name="dyed", layers=[ur.Dielectric(ior=1.4), ur.Medium(depth=0.5, albedo=0.5), ur.Diffuse(0.5)]
-    )
-
-    def made(count: int):
-        given = {
-            "layer_0.ior": 1.3,
-            "layer_1.depth": np.linspace(0.1, 1.5, count),
-            "layer_1.albedo": np.linspace(0.0, 0.9, count),
-            "layer_2.reflectance": np.linspace(0.7, 0.2, count),
-        }
-        return ur.solve(stack, "adding", nodes=8, parameters=given)
-
-    return {count: made(count) for count in (2, 5, 31)}
-
-
-@pytest.mark.parametrize("count", [2, 5, 31])
-def test_any_number_of_channels_comes_back(spectra, tmp_path, rng, count):
-    one, path = spectra[count], tmp_path / "dyed.urushi.npz"
-    native.save(one, path, error=1e-4)
-    other = native.load(path)
-    assert other.stack == one.stack and other.channels == count
-    assert {k: v.tolist() for k, v in other.parameters.items()} == {
-        k: v.tolist() for k, v in one.parameters.items()
-    }
-    assert other.diagnostics == one.diagnostics | {"file_error": 1e-4}
-    wi, wo = (directions(rng, 300, False) for _ in range(2))
-    value, error = one.eval(wi, wo, with_error=True)
-    scale = error / one.diagnostics["estimated_error"]
-    allowed = 1e-4 + 2 * max(part.diagnostics["azimuthal_error"] for part in one.parts)
-    assert (
-        value.shape == (300, count) and (np.abs(other.eval(wi, wo) - value) <= allowed * scale + 1e-12).all()
-    )
-    assert np.abs(other.reflectance(wi) - one.reflectance(wi)).max() < 1e-6
-    assert other.matrices.operator(0).shape == one.matrices.operator(0).shape
-
-
-DYES = {
-    "channels": [
-        {},
-        {"layer_1.albedo": [0.1, 0.2]},
-        {"layer_1.albedo": [0.1, 0.2, 0.3, 0.4, 2.0]},
-        {"layer_1.albedo": [0.1, 0.2, 0.3, 0.4, float("nan")]},
-        {"layer_1.albedo": [[0.1]] * 5},
-        {"layer_9.albedo": [0.1] * 5},
-        {"name": [0.1] * 5},
-        {"layer_1.albedo": "white"},
-        {"layer_1.albedo": 0.5},
-        [0.1] * 5,
-    ],
-    "colours": [4, 6, 10**9, 0],
-}
-
-
-@pytest.mark.parametrize(("key", "value"), [(key, value) for key, some in DYES.items() for value in some])
-def test_channels_that_no_stack_has_are_refused(spectra, tmp_path, key, value):
-    path = tmp_path / "dyed.urushi.npz"
-    native.save(spectra[5], path)
-    with pytest.raises(MaterialError) as caught:
-        native.load(reheaded(path, **{key: value}))
-    assert "dyed.urushi.npz" in str(caught.value)
-
-
-def test_channels_have_no_place_in_a_fourier_file(spectra):
-    """But three of them have, as red, green and blue."""
-    with pytest.raises(UrushiError, match="channels: found 5; allowed: 1 or 3"):
-        fourier_of(spectra[5])
-    table, error = fourier_of(spectra[5].parts[0], nodes=30, delta="omit")
-    assert len(table.nodes) > 0 and error < 1
 
 
 def test_the_description_of_another_stack_is_refused(saved):

@@ -6,7 +6,7 @@ spectrum of C values is one solution of C channels. Dr.Jit's colours have three,
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import cached_property
 from typing import Any
@@ -22,6 +22,29 @@ from ..ledger import Ledger, alike
 from .result import AddingBSDF, Matrices
 from .solution import Solution
 from .spectrum import THREE, Spectrum
+
+#: diagnostics of the tables of all parts, from those of each
+TABLES: dict[str, Callable[[list[Any]], Any]] = {
+    "azimuthal_terms": max,
+    "azimuthal_error": max,
+    "table_bytes": sum,
+    "most_negative": min,
+    "sampling_bytes": sum,
+}
+
+
+class _Diagnostics(dict[str, Any]):
+    """What a solution says of itself; an entry of `TABLES` is there once ``diagnostics[...]`` has asked for it."""
+
+    def __init__(self, known: dict[str, Any], parts: Sequence[AddingBSDF]) -> None:
+        super().__init__(known)
+        self._parts = parts
+
+    def __missing__(self, key: str) -> Any:
+        if key not in TABLES:
+            raise KeyError(key)
+        self[key] = TABLES[key]([part.diagnostics[key] for part in self._parts])
+        return self[key]
 
 
 class ChannelsBSDF(BSDF):
@@ -62,7 +85,9 @@ class ChannelsBSDF(BSDF):
         )
         said = ("method", "backend", "precision", "closed_form")
         same = {key: self.parts[0].diagnostics[key] for key in said}
-        self.diagnostics = {**solution.diagnostics, **same, "channels": self.channels}
+        self.diagnostics = _Diagnostics(
+            {**solution.diagnostics, **same, "channels": self.channels}, self.parts
+        )
 
     @cached_property
     def matrices(self) -> Matrices:
