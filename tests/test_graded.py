@@ -82,26 +82,39 @@ def test_what_is_refused(given, where, said):
 
 
 def test_many_slabs_approach_it_with_the_square_of_their_depth():
-    found = values(pane(ur.GradedMedium(depth=2.0, albedo=UNEVEN, phase=FORWARD)))
-    errors = [np.abs(values(pane(*slabs(count))) - found).max() for count in (8, 16, 32)]
+    stack = pane(ur.GradedMedium(depth=2.0, albedo=UNEVEN, phase=FORWARD))
+    fluxes = values(stack)[:, :6]
+    errors = [np.abs(values(pane(*slabs(count)))[:, :6] - fluxes).max() for count in (8, 16, 32)]
     assert 1e-4 < errors[0] < 1e-3 and errors[2] < 2e-5
     assert 3 < errors[0] / errors[1] < 6 and 3 < errors[1] / errors[2] < 6
+    # Their closed forms differ, so that values agree as far as the nodes go.
+    best = values(pane(*slabs(32)), nodes=24)[:, 6:]
+    np.testing.assert_allclose(values(stack, nodes=24)[:, 6:], best, atol=1e-5)
+
+
+def test_what_is_scattered_once_leaves_the_rest_smooth():
+    """With the mean albedo: few nodes do, and the values are those of many nodes."""
+    stack = ur.Stack(layers=[ur.GradedMedium(depth=2.0, albedo=UNEVEN, phase=FORWARD)])
+    few, many = (ur.solve(stack, "adding", nodes=n, accuracy=1e-5) for n in (24, 40))
+    assert few.diagnostics["closed_form"] == "single"
+    value, best = few.eval(WI, WO), many.eval(WI, WO)
+    np.testing.assert_allclose(value, best, atol=1e-3 * best.max())
 
 
 def test_alone_it_has_all_orders_of_what_is_scattered_once():
-    """No interface is there, and no closed form takes the sharp part of what it scatters once."""
+    """What is scattered once is taken out with the mean albedo, and what is left of it has as many orders."""
     graded = ur.GradedMedium(depth=1.0, albedo=(0.9, 0.5), phase=FORWARD)
     plain = slabs(32, (0.9, 0.5), 1.0)
     found, expected = (values(ur.Stack(layers=layers), nodes=16) for layers in ([graded], plain))
     np.testing.assert_allclose(found[:, :6], expected[:, :6], atol=1e-4)
     bsdf, slices = (
-        ur.solve(ur.Stack(layers=x), "adding", nodes=16, accuracy=1e-5) for x in ([graded], plain)
+        ur.solve(ur.Stack(layers=layers), "adding", nodes=16, accuracy=1e-5, orders=500)
+        for layers in ([graded], plain)
     )
-    assert bsdf.diagnostics["orders"] >= 20
+    assert bsdf.diagnostics["orders"] == slices.diagnostics["orders"] >= 10
     for order in range(0, 24, 3):
         one, other = (b.matrices.operator(order) for b in (bsdf, slices))
         steep = np.s_[:, :10, :10]  # light that grazes sees only the first of the slabs
-        assert other[steep].max() > 1e-8
         np.testing.assert_allclose(one[steep], other[steep], atol=2e-3 * other[steep].max())
 
 
@@ -139,9 +152,7 @@ def test_upside_down_it_is_seen_from_the_other_side():
 def test_an_even_one_is_a_medium():
     even = ur.GradedMedium(depth=1.5, albedo=(0.8, 0.8, 0.8), phase=FORWARD)
     plain = ur.Medium(depth=1.5, albedo=0.8, phase=FORWARD)
-    # What is scattered once has a closed form in the one alone.
-    fluxes = slice(0, 6)
-    np.testing.assert_allclose(values(pane(even))[:, fluxes], values(pane(plain))[:, fluxes], atol=1e-9)
+    np.testing.assert_allclose(values(pane(even)), values(pane(plain)), atol=1e-9)
     clear, dark = ur.GradedMedium(0.0, (0.1, 0.9)), ur.GradedMedium(1.5, (0.0, 0.0))
     nothing, black = ur.Medium(depth=0.0, albedo=0.5), ur.Medium(depth=1.5, albedo=0.0)
     for graded, medium in ((clear, nothing), (dark, black)):

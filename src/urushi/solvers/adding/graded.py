@@ -6,7 +6,8 @@ albedo a is higher. The optical depth then counts for 1 - a f of itself: over a 
 
     tau' = h ((1 - a f) s - d f s^2 / 2),        a' = a (1 - f) / (1 - a f),        0 <= s <= 1,
 
-and the piece is solved in tau', where that share does not exist.
+and the piece is solved in tau', where that share does not exist. Light scattered once, which has a closed
+form elsewhere, has that of the mean albedo here (`MediumLayer.once`); the difference is solved with the rest.
 """
 
 from __future__ import annotations

@@ -4,7 +4,8 @@
     k_T = a p tau / mu_i exp(-tau / mu_max) (1 - exp(-x)) / x,       x = tau (1/mu_min - 1/mu_max)
 
 inside (Chandrasekhar 1950; `single` is the same on the nodes), and both ways through the interface by Fresnel. It holds
-the peak of the phase function and what is not smooth where both directions graze.
+the peak of the phase function and what is not smooth where both directions graze. Of a medium whose albedo a varies
+with depth it is taken with the mean albedo: nearly all of that light, and what is left has no peak to speak of.
 """
 
 from __future__ import annotations
@@ -15,7 +16,7 @@ from typing import Any
 import drjit as dr
 import numpy as np
 
-from ...media import BoundGraded, BoundMedium, inverse_cosine
+from ...media import BoundMedium, inverse_cosine
 from ...optics.vectors import Array, Vector, at_least, at_most, channels
 from ..bound import BoundStack
 from ..smooth import snell
@@ -28,8 +29,6 @@ def covers(stack: BoundStack, from_above: bool, to_above: bool) -> bool:
     for above in {from_above, to_above}:
         interface, medium = _outer(stack, above)
         if interface.opaque or interface.delta is not True or medium is None or not medium.scatters:
-            return False
-        if isinstance(medium, BoundGraded):  # its albedo varies along the way
             return False
     return True
 
