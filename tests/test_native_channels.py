@@ -62,30 +62,45 @@ def test_any_number_of_channels_comes_back(spectra, tmp_path, rng, count):
     assert other.matrices.operator(0).shape == one.matrices.operator(0).shape
 
 
-DYES = {
-    "channels": [
-        {},
-        {"layer_1.albedo": [0.1, 0.2]},
-        {"layer_1.albedo": [0.1, 0.2, 0.3, 0.4, 2.0]},
+DYES = [
+    ("channels", {}, "channels: found {}; allowed: 1 to"),
+    ("channels", [0.1] * 5, "channels: found .*; allowed: 1 to"),
+    ("channels", {"layer_1.albedo": [0.1, 0.2]}, "found 3 regions|found operators"),
+    ("channels", {"layer_1.albedo": 0.5}, "found no other channels"),
+    ("channels", {"layer_1.albedo": [0.1, 0.2, 0.3, 0.4, 2.0]}, "albedo.*allowed"),
+    (
+        "channels",
         {"layer_1.albedo": [0.1, 0.2, 0.3, 0.4, float("nan")]},
-        {"layer_1.albedo": [[0.1]] * 5},
-        {"layer_9.albedo": [0.1] * 5},
-        {"name": [0.1] * 5},
-        {"layer_1.albedo": "white"},
-        {"layer_1.albedo": 0.5},
-        [0.1] * 5,
-    ],
-    "colours": [4, 6, 10**9, 0],
-}
+        r"channels\[layer_1.albedo\]: found",
+    ),
+    ("channels", {"layer_1.albedo": [[0.1]] * 5}, r"channels\[layer_1.albedo\]: found"),
+    ("channels", {"layer_1.albedo": "white"}, r"channels\[layer_1.albedo\]: found"),
+    ("channels", {"layer_1.albedo": [0.1] * 6}, r"channels\[layer_1.albedo\]: found"),
+    ("channels", {"layer_9.albedo": [0.1] * 5}, "layer_9"),
+    ("channels", {"name": [0.1] * 5}, "name"),
+    ("colours", 4, "channels"),
+    ("colours", 6, "channels|bytes"),
+    ("colours", 10**9, "colours: found 1000000000; allowed: 1 to 4096"),
+    ("colours", 0, "colours: found 0"),
+]
 
 
-@pytest.mark.parametrize(("key", "value"), [(key, value) for key, some in DYES.items() for value in some])
-def test_channels_that_no_stack_has_are_refused(spectra, tmp_path, key, value):
+@pytest.mark.parametrize(("key", "value", "match"), DYES)
+def test_channels_that_no_stack_has_are_refused(spectra, tmp_path, key, value, match):
     path = tmp_path / "dyed.urushi.npz"
     native.save(spectra[5], path)
-    with pytest.raises(MaterialError) as caught:
+    with pytest.raises(MaterialError, match=match) as caught:
         native.load(reheaded(path, **{key: value}))
     assert "dyed.urushi.npz" in str(caught.value)
+
+
+def test_the_channels_of_a_colour_are_in_its_description(tmp_path):
+    """Beside it they would be left unread."""
+    path = tmp_path / "fog.urushi.npz"
+    fog = ur.Stack(layers=[ur.Medium(depth=1.0, albedo=[0.9, 0.5, 0.2])])
+    native.save(ur.solve(fog, "adding", nodes=8), path)
+    with pytest.raises(MaterialError, match="channels: found no other channels"):
+        native.load(reheaded(path, channels={"layer_0.albedo": [0.1, 0.2, 0.3]}))
 
 
 def test_channels_have_no_place_in_a_fourier_file(spectra):
