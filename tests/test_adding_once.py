@@ -99,7 +99,7 @@ def test_what_it_covers(layers: list[Any], covered: str) -> None:
 def test_through_glass_as_on_the_nodes() -> None:
     """What the solver takes off on its nodes, order by order, is what is added here: no light is lost or is twice."""
     stack = bound(PANE)
-    found = solution(PANE, 1e-6, 16)
+    found = solution(PANE, 1e-6, 32)  # enough for all terms
     once = Once(stack, attenuation(stack, found.forward))
     grid = found.grid
     assert found.forward.get(1, 0.0) < 1e-3

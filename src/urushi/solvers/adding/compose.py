@@ -94,6 +94,7 @@ def put_on(coat: Solved, base: Solved, **options: Any) -> Solved:
         parts = _added(a, b, bound.opaque, colours, _Closed(bound, *alone) if exact else None)
     media = [region for region, medium in enumerate(bound.media) if medium is not None]
     shares = [share for solution in (a, b) for _, share in sorted(solution.forward.items())]
+    terms = [count for solution in (a, b) for _, count in sorted(solution.terms.items())]
     known = [float(s.diagnostics.get("estimated_error", np.nan)) for s in (a, b)]
     diagnostics = {
         "nodes": len(grid.s),
@@ -106,6 +107,7 @@ def put_on(coat: Solved, base: Solved, **options: Any) -> Solved:
     }
     forward = dict(zip(media, shares, strict=True))
     solution = Solution(grid, parts, form if exact else None, colours, diagnostics, forward)
+    solution.terms.update(zip(media, terms, strict=True))
     return (
         AddingBSDF(both.stack, solution, **options)
         if both.channels is None

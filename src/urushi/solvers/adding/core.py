@@ -87,15 +87,24 @@ class Closed:
     Attributes:
         interface: whether it leaves one meeting with an outermost interface.
         more: whether there is anything else than reflection by such an interface.
+
+    Args:
+        stack, solution: the stack in any module and precision, and what was solved of it.
+        number: the type of a number in these; by default LLVM in double precision.
     """
 
-    def __init__(self, stack: BoundStack, solution: Solution) -> None:
+    def __init__(self, stack: BoundStack, solution: Solution, number: Any = None) -> None:
         self.stack, self.colours = stack, solution.colours
         self.interface = solution.closed_form is not None and direct_is_certain(stack)
         self.once = None
+        peak, table = solution.peaks.get(1), None
+        if peak is not None:
+            from drjit.llvm.ad import Float64
+
+            table = Lookup(peak.values, Float64 if number is None else number)
         sides = [(True, True)] if stack.opaque else SIDES
         if solution.closed_form == "single" and any(covers(stack, *side) for side in sides):
-            self.once = Once(stack, attenuation(stack, solution.forward))
+            self.once = Once(stack, attenuation(stack, solution.forward), peak, table)
         passes = len(stack.interfaces) == 1 and not stack.opaque and stack.interfaces[0].delta is not True
         self.more = self.once is not None or (self.interface and passes)
 
@@ -155,7 +164,7 @@ class AddingCore:
         number = number_type(module, double)
         self.stack, self.spectrum, self.radiance = stack, spectrum, radiance
         self.colours = solution.colours
-        self.closed = Closed(stack, solution)
+        self.closed = Closed(stack, solution, number)
         regions = (0,) if stack.opaque else (0, -1)
         self.stencils = Stencils(solution.grid, regions, prepared.order, module, double)
         empty = prepared.series.empty
@@ -203,7 +212,8 @@ class AddingCore:
     def at(self, stack: BoundStack) -> AddingCore:
         """The same tables with the closed forms of another bound stack: with the values of a place, say."""
         found = copy.copy(self)
-        found.stack, found.closed = stack, Closed(stack, self.solution)
+        number = number_type(*self._types)
+        found.stack, found.closed = stack, Closed(stack, self.solution, number)
         return found
 
     def delta_chances(self, wi: Vector) -> tuple[Array, Array]:

@@ -16,6 +16,9 @@ import numpy as np
 
 from .phase import Phase, resolved, terms
 
+#: terms, as a share of those that the nodes can tell apart: light scattered twice is exact only up to half of these
+SHARE = 0.5
+
 
 @dataclass(frozen=True)
 class Truncated:
@@ -47,14 +50,20 @@ class Truncated:
 
     @classmethod
     def fit(cls, phase: Phase, mu: np.ndarray, weights: np.ndarray, tolerance: float = 1e-9) -> Truncated:
-        """As many terms as the phase function needs, and no more than the nodes of a region resolve.
+        """As many terms as the phase function needs, and no more than the nodes of a region can multiply.
+
+        Sums over the nodes are exact up to the degree they resolve, and light scattered twice has products of two
+        terms: where the nodes cannot tell all of a forward peak apart, half as many terms are taken. With more, high
+        degrees would come back as low ones, which does most harm where least light goes, straight back.
 
         Args:
             phase: the phase function.
             mu, weights: (n,) the nodes.
             tolerance: what may be left out, relative to the peak of the phase function.
         """
-        return cls.of(phase, min(terms(phase, tolerance), resolved(mu, weights)))
+        needed, known = terms(phase, tolerance), resolved(mu, weights)
+        forward = bool((phase.moments(2) >= 0).all())
+        return cls.of(phase, int(SHARE * known) if forward and needed > known else min(needed, known))
 
     def scale(self, depth: Any, albedo: Any) -> tuple[Any, Any]:
         """Depth and albedo of the same medium, the forward peak not counted as scattering: numbers or arrays (C,)."""

@@ -10,6 +10,7 @@ with depth it is taken with the mean albedo: nearly all of that light, and what 
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -20,6 +21,9 @@ from ...media import BoundMedium, inverse_cosine
 from ...optics.vectors import Array, Vector, at_least, at_most, channels
 from ..bound import BoundStack
 from ..smooth import snell
+from .peak import Peak
+from .phase import Phase
+from .stencil import Lookup
 
 
 def covers(stack: BoundStack, from_above: bool, to_above: bool) -> bool:
@@ -41,10 +45,14 @@ class Once:
         stack: the stack with its numbers.
         attenuation: by region, factor on the optical depth: what of the medium's extinction the solver saw (delta-M);
             1 where there is none. A number or one per colour.
+        peak: what is scattered again within a peak by a medium that light passes through; None for nothing.
+        table: its values, in the module and precision of the directions.
     """
 
     stack: BoundStack
     attenuation: dict[int, Array]
+    peak: Peak | None = None
+    table: Lookup | None = None
 
     def eval(self, wi: Vector, wo: Vector) -> Array:
         """Flux density from wi to wo, on any sides."""
@@ -76,6 +84,12 @@ class Once:
             low, high = at_most(mu_i, mu_o), at_least(mu_i, mu_o)
             x = depth * ((high - low) / (low * high))
             share = dr.exp(-depth / high) * faded(x) * depth / (low * high)
+            if self.peak is not None and self.table is not None:
+                y = albedo * depth * (0.5 * (low + high) / (low * high))
+                away, toward = dr.squared_norm(i + o), dr.squared_norm(i - o)
+                scattered = albedo * self.peak.scattered(
+                    medium.phase.eval(-i, o), away, toward, y, self.table
+                )
         index = self.stack.indices
         near, outside = (index[1], index[0]) if to_above else (index[-2], index[-1])
         # mu_o inside cancels against the solid angle outside over that inside.
@@ -107,6 +121,14 @@ def _outer(stack: BoundStack, above: bool) -> tuple[Any, BoundMedium | None]:
     if last == 0:
         return stack.interfaces[0], None
     return (stack.interfaces[0], stack.media[1]) if above else (stack.interfaces[-1], stack.media[last])
+
+
+def peaks(stack: BoundStack, phases: Sequence[Phase], terms: dict[int, int]) -> dict[int, Peak]:
+    """What `Solution.peaks` is, of the phase functions of all media and the number of terms taken of them."""
+    if stack.opaque or not covers(stack, True, False):
+        return {}
+    found = Peak.make(phases[0], terms.get(1))
+    return {} if found is None else {1: found}
 
 
 def attenuation(stack: BoundStack, forward: dict[int, float]) -> dict[int, Array]:

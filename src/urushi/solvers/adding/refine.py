@@ -20,6 +20,8 @@ from .solution import Part, Solution
 
 #: (from above, to above)
 Side = tuple[bool, bool]
+#: of a solution, by side: f (C, I, O, A) of those closed forms that depend on the nodes, where `Seen` looks
+Closed = Callable[[Solution], Mapping[Side, np.ndarray]]
 #: cosines of incidence that are compared (normal incidence is a node: beside it, lobes may take more);
 #: `OFFSETS` from the mirror direction in polar angle, `AZIMUTHS` in azimuth
 COSINES = np.array([1.0, 0.996, 0.96, 0.83, 0.68, 0.52, 0.37, 0.23, 0.11])
@@ -40,6 +42,7 @@ def refine(
     more: bool = True,
     progress: Callable[[int, float], Any] | None = None,
     heights: Mapping[Side, np.ndarray] | None = None,
+    closed: Closed | None = None,
 ) -> Solution:
     """Solve with more and more nodes until nothing changes any more.
 
@@ -51,6 +54,7 @@ def refine(
         more: False to stay with these numbers, whatever their error.
         progress: called with (nodes, error) after each solution.
         heights: see `difference`.
+        closed: see `Seen`.
 
     Returns:
         the last solution, its diagnostics completed by "estimated_error", "accuracy", "seconds" and "history".
@@ -61,12 +65,12 @@ def refine(
     start = time.perf_counter()
     if more:
         counts = _fewer(counts)
-    coarse = Seen(solve(_fewer(counts)))
+    coarse = Seen(solve(_fewer(counts)), closed)
     history: list[tuple[int, float]] = []
     before: np.ndarray | None = None
     while True:
         fine = solve(counts)
-        seen = Seen(fine)
+        seen = Seen(fine, closed)
         change = changes(coarse, seen, heights)
         # Three digits, never fewer than there are.
         error = float(f"{1.005 * float((change * _left(change, before)).max()):.2e}")
@@ -136,12 +140,18 @@ class Seen:
 
     Attributes:
         albedo: (C, I) reflectance or transmittance at `COSINES`, delta parts included.
-        values: (C, I, O, A) BSDF f (without squared index) of the blocks, closed forms left out, there and at O cosines
-            of exit (`exits`) and A `AZIMUTHS`.
-        peak: (I,) the largest f among the nodes, at azimuths 0 and 180 degrees, closed forms included.
+        values: (C, I, O, A) BSDF f (without squared index) there and at O cosines of exit (`exits`) and A `AZIMUTHS`:
+            of the blocks and of what is `closed`; other closed forms are left out.
+        peak: (I,) the largest f of these, and among the nodes, at azimuths 0 and 180 degrees, closed forms included.
+
+    Args:
+        solution: what to look at.
+        closed: how light scattered once fades depends on how much of the peak the nodes resolve, and the blocks make up
+            for that: their sum is what anyone sees.
     """
 
-    def __init__(self, solution: Solution) -> None:
+    def __init__(self, solution: Solution, closed: Closed | None = None) -> None:
+        sharp = {} if closed is None else closed(solution)
         self._weights: dict[tuple[int, bytes], np.ndarray] = {}
         self.albedo: dict[Side, np.ndarray] = {}
         self.values: dict[Side, np.ndarray] = {}
@@ -151,6 +161,10 @@ class Seen:
             self.albedo[side] = self._albedo(solution, part) if twin is None else self.albedo[twin]
             self.values[side] = self._values(solution, part) if twin is None else self.values[twin]
             self.peak[side] = self._peak(solution, part) if twin is None else self.peak[twin]
+            if side in sharp and twin is None:
+                self.values[side] = self.values[side] + sharp[side]
+                here = self.values[side].max(axis=(0, 2, 3))
+                self.peak[side] = np.maximum(self.peak[side], here)
 
     def _stencil(self, grid: Grid, region: int, mu: np.ndarray) -> np.ndarray:
         """(2, N, n) weights of all nodes of a region, for even and for odd orders."""

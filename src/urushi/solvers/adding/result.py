@@ -18,7 +18,9 @@ from ..bound import BoundStack, bind
 from ..bsdf import BSDF, Sample, directions, random_numbers, same_count
 from ..ledger import Ledger, alike, lit
 from ..numbers import gather_numbers
+from .build import phase_functions
 from .core import AddingCore, Prepared
+from .once import peaks
 from .solution import Part, Solution
 from .table import ORDER
 
@@ -146,6 +148,8 @@ class AddingBSDF(BSDF):
             raise UrushiError(
                 "solution: found one of another stack; allowed: the operators of this very stack"
             )
+        if not solution.peaks:  # neither files nor sums have them
+            solution.peaks.update(peaks(bound, phase_functions(stack), solution.terms))
         self.prepared = Prepared(solution, bound, order)
         self._cores: dict[tuple[str, bool], AddingCore] = {}
         self._interior: Any = None

@@ -18,6 +18,7 @@ from typing import Any
 import numpy as np
 
 from .basis import Grid
+from .peak import Peak
 
 
 @dataclass(frozen=True)
@@ -71,6 +72,7 @@ class Solution:
         forward: by region, the share of the light scattered there that the solver counted as not scattered (delta-M);
             regions without such a share may be missing.
         terms: by region, the number of terms that the solver took of its phase function; {} where that is not known.
+        peaks: by region, the peak that these leave out of light that passes, where `once` covers it.
     """
 
     grid: Grid
@@ -80,6 +82,7 @@ class Solution:
     diagnostics: dict[str, Any]
     forward: dict[int, float] = field(default_factory=dict)
     terms: dict[int, int] = field(default_factory=dict)
+    peaks: dict[int, Peak] = field(default_factory=dict)
 
     def twin(self, side: tuple[bool, bool], among: Iterable[tuple[bool, bool]]) -> tuple[bool, bool] | None:
         """The first of some sides that is this one seen from the other end, in a stack that is its own mirror image."""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
+from functools import partial
 from typing import Any
 
 import drjit as dr
@@ -18,8 +19,10 @@ from ..bound import BoundStack
 from ..direct import direct, direct_is_certain
 from . import build
 from .basis import Grid
+from .core import Closed
 from .layers import MediumLayer
 from .media import METHODS, Method
+from .once import covers, peaks
 from .refine import AZIMUTHS, COSINES, GROWTH, difference, exits, refine
 from .solution import Solution
 from .solver import cut, solve_on
@@ -29,6 +32,8 @@ from .threads import one_thread
 
 #: fewest nodes to try a grid with
 FEWEST = 24
+#: less than this of the light in a peak is none
+RESOLVED = 1e-7
 #: see `solution`
 Keep = Callable[[list[int], Callable[[], Solution]], Solution]
 
@@ -62,6 +67,7 @@ def solution(
             nodes is None,
             progress,
             heights,
+            problem.closed,
         )
         return found if orders is None else _with_left_out(problem, found, orders, heights)
 
@@ -102,6 +108,23 @@ class _Problem:
         for region, medium in zip(regions, media, strict=True):
             found.forward[region] = medium.truncated.forward
             found.terms[region] = len(medium.truncated.moments)
+        found.peaks.update(peaks(bound, self.phases, found.terms))
+        return found
+
+    def closed(self, solution: Solution) -> dict[tuple[bool, bool], np.ndarray]:
+        """Light scattered once where `refine` looks, if how it fades depends on the nodes (see `Seen`)."""
+        if max(solution.forward.values(), default=0.0) < RESOLVED or solution.closed_form != "single":
+            return {}
+        thirds = self.every.thirds
+        found = {}
+        for side in solution.parts:
+            if covers(self.bound, *side):
+                values = [
+                    _values(bound, self.indices, side, Closed(bound, solution).eval) for bound in thirds
+                ]
+                if len(values) > 1:
+                    values = [np.broadcast_to(v, (3, *v.shape[1:])) for v in values]
+                found[side] = np.concatenate(values)[: self.colours]
         return found
 
     def counts(self, nodes: int | Sequence[int] | None) -> list[int]:
@@ -145,18 +168,26 @@ def _heights(
         return None
     if not direct_is_certain(stack):
         return None
-    from drjit.llvm.ad import Array3f64, Float64
-
     found = {}
     for side in ((True, True),) if stack.opaque else SIDES:
-        mu_o = exits(indices, side)
-        up_i, up_o = (1.0 if above else -1.0 for above in side)
-        i, o, phi = np.broadcast_arrays(COSINES[:, None, None], mu_o[..., None], AZIMUTHS)
-        i, o, phi = (Float64(padded(x)) for x in (i, o, phi))
-        wi = Array3f64(-dr.sqrt(1 - i * i), 0, up_i * i)
-        sin = dr.sqrt(1 - o * o)
-        wo = Array3f64(sin * dr.cos(phi), sin * dr.sin(phi), up_o * o)
-        every = np.concatenate([np.array(direct(third, wi, wo)).ravel() for third in thirds])
-        value = every.reshape(-1, len(COSINES), mu_o.shape[1], len(AZIMUTHS))
-        found[side] = (value / mu_o[..., None]).max(axis=(0, 2, 3))
+        every = [_values(third, indices, side, partial(direct, third)) for third in thirds]
+        found[side] = np.concatenate(every).max(axis=(0, 2, 3))
+    return found
+
+
+def _values(
+    stack: BoundStack, indices: Sequence[float], side: tuple[bool, bool], closed: Callable[[Any, Any], Any]
+) -> np.ndarray:
+    """(C, I, O, A) f of a closed form where `refine` looks."""
+    from drjit.llvm.ad import Array3f64, Float64
+
+    mu_o = exits(indices, side)
+    up_i, up_o = (1.0 if above else -1.0 for above in side)
+    i, o, phi = np.broadcast_arrays(COSINES[:, None, None], mu_o[..., None], AZIMUTHS)
+    i, o, phi = (Float64(padded(x)) for x in (i, o, phi))
+    wi = Array3f64(-dr.sqrt(1 - i * i), 0, up_i * i)
+    sin = dr.sqrt(1 - o * o)
+    wo = Array3f64(sin * dr.cos(phi), sin * dr.sin(phi), up_o * o)
+    value = np.array(closed(wi, wo)).reshape(-1, len(COSINES), mu_o.shape[1], len(AZIMUTHS))
+    found: np.ndarray = value / mu_o[..., None]
     return found
