@@ -102,7 +102,6 @@ def layers(
         not complete
         and all(isinstance(interface, Null) for interface in stack.interfaces)
         and len(phases) == 1
-        and not any(isinstance(medium, BoundGraded) for medium in stack.media)
     )
     found: list[Layer | None] = []
     rough: dict[int, Layer] = {}
