@@ -9,6 +9,7 @@ of small matrices, one for each order, without noise; the art lies in the direct
     smooth     smooth interfaces: diagonals                     delta_m, single  sharp phase functions
     columns, balance, interfaces   rough interfaces             layers, solver, refine   the whole stack, fine enough
     stencil, warp, table   between the directions               proposal, core, result   all of it, as a BSDF
+    spectrum, channels     any number of channels at once
 
 Sources: Stokes 1862; van de Hulst 1963; Grant & Hunt 1969; Stam 2001; Jakob et al. 2014.
 """
