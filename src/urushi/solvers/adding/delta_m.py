@@ -18,6 +18,8 @@ from .phase import Phase, resolved, terms
 
 #: terms, as a share of those that the nodes can tell apart: light scattered twice is exact only up to half of these
 SHARE = 0.5
+#: less light in a peak than this does no such harm
+FAINT = 1e-3
 
 
 @dataclass(frozen=True)
@@ -62,8 +64,8 @@ class Truncated:
             tolerance: what may be left out, relative to the peak of the phase function.
         """
         needed, known = terms(phase, tolerance), resolved(mu, weights)
-        forward = bool((phase.moments(2) >= 0).all())
-        return cls.of(phase, int(SHARE * known) if forward and needed > known else min(needed, known))
+        most = cls.of(phase, min(needed, known))
+        return cls.of(phase, int(SHARE * known)) if needed > known and most.forward > FAINT else most
 
     def scale(self, depth: Any, albedo: Any) -> tuple[Any, Any]:
         """Depth and albedo of the same medium, the forward peak not counted as scattering: numbers or arrays (C,)."""

@@ -25,7 +25,7 @@ from .phase import Phase
 from .stencil import Lookup
 
 #: a peak of less than this share of the light is none
-LEAST = 1e-7
+LEAST = 1e-6
 #: what may be left out of p_n, relative to the phase function straight on; orders of scattering at most
 SMALL, MOST_TIMES = 1e-5, 10
 #: degrees to look at first, and at most; steps of the table for one wave of the highest that counts

@@ -32,8 +32,8 @@ from .threads import one_thread
 
 #: fewest nodes to try a grid with
 FEWEST = 24
-#: less than this of the light in a peak is none
-RESOLVED = 1e-7
+#: phase functions of so many terms, less than this left out, have no peak that any nodes leave unresolved
+FEW_TERMS, NOTHING = 64, 1e-7
 #: see `solution`
 Keep = Callable[[list[int], Callable[[], Solution]], Solution]
 
@@ -94,6 +94,7 @@ class _Problem:
         self.every = spectrum.bind(build.solvable)
         self.bound, self.colours = self.every.whole, self.every.channels
         self.phases = build.phase_functions(spectrum.stacks[0])
+        self.sharp = any(abs(phase.moments(FEW_TERMS)[-1]) > NOTHING for phase in self.phases)
         self.indices, self.extra = build.indices(self.bound), tuple(extra)
         self.accuracy, self.tolerance = accuracy, 0.1 * accuracy
         self.orders, self.media = orders, media
@@ -113,7 +114,7 @@ class _Problem:
 
     def closed(self, solution: Solution) -> dict[tuple[bool, bool], np.ndarray]:
         """Light scattered once where `refine` looks, if how it fades depends on the nodes (see `Seen`)."""
-        if max(solution.forward.values(), default=0.0) < RESOLVED or solution.closed_form != "single":
+        if not self.sharp or solution.closed_form != "single":
             return {}
         thirds = self.every.thirds
         found = {}
