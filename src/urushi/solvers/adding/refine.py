@@ -91,6 +91,7 @@ def refine(
                 "allowed: a larger one, or fixed nodes=..."
             )
         coarse, before = seen, change
+        del fine  # as large as all else together
 
 
 def _fewer(counts: list[int]) -> list[int]:
