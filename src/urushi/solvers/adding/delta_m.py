@@ -19,7 +19,7 @@ from .phase import Phase, resolved, terms
 #: terms, as a share of those that the nodes can tell apart: light scattered twice is exact only up to half of these
 SHARE = 0.5
 #: less light in a peak than this does no such harm
-FAINT = 1e-4
+FAINT = 3e-4
 
 
 @dataclass(frozen=True)
