@@ -188,7 +188,7 @@ def test_smooth_coat_over_diffuse(ior: float, albedo: float) -> None:
 )
 def test_slabs_with_smooth_boundaries(case: dict[str, Any]) -> None:
     """Adding-doubling with Fresnel boundaries (good to 1e-4), at normal and at diffuse incidence."""
-    grid = Grid.build([1.0, case["ior"], 1.0], 24)
+    grid = Grid.build([1.0, case["ior"], 1.0], 32)
     first, second = surfaces(grid)
     phase = HenyeyGreenstein(case["g"])
     found = stacked(first, medium(grid, 1, case["depth"], case["albedo"], phase), second)

@@ -18,8 +18,8 @@ from .phase import Phase, resolved, terms
 
 #: terms, as a share of those that the nodes can tell apart: light scattered twice is exact only up to half of these
 SHARE = 0.5
-#: less light in a peak than this does no such harm
-FAINT = 3e-4
+#: a peak does no such harm if its share times its height is less than so many times what goes straight back
+FAINT = 15
 
 
 @dataclass(frozen=True)
@@ -65,7 +65,9 @@ class Truncated:
         """
         needed, known = terms(phase, tolerance), resolved(mu, weights)
         most = cls.of(phase, min(needed, known))
-        return cls.of(phase, int(SHARE * known)) if needed > known and most.forward > FAINT else most
+        back, straight = phase.eval(np.array([-1.0, 1.0]))
+        harmful = most.forward * straight > FAINT * back
+        return cls.of(phase, int(SHARE * known)) if needed > known and harmful else most
 
     def scale(self, depth: Any, albedo: Any) -> tuple[Any, Any]:
         """Depth and albedo of the same medium, the forward peak not counted as scattering: numbers or arrays (C,)."""
