@@ -96,7 +96,7 @@ OPTIONS = {
     "misspelt": (GOLD | {"sampels": 4}, "found 'sampels'; did you mean 'samples'? allowed: filename"),
     "unknown": (
         GOLD | {"alfa": 0.1},
-        "found 'alfa'; allowed: filename, method, footprint, samples, seed, max_depth, accuracy, nodes, "
+        "found 'alfa'; allowed: filename, method, footprint, samples, seed, max_depth, accuracy, nodes, orders, "
         "corners, published, symmetric, layer_N, thickness_N",
     ),
     "no such method": (

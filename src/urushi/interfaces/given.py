@@ -59,7 +59,7 @@ class Given:
         """Roughness along two axes and the angle of the first, with what a normal map adds to it.
 
         A normal map too fine to be seen spreads slopes by its variance: alpha^2 / 2 is that of Beckmann's facets, so
-        twice the variance adds to alpha^2 (Olano & Baker 2010; theory (lobes.13)); so it does here for either
+        twice the variance adds to alpha^2 (Olano & Baker 2010; theory (lobes.14)); so it does here for either
         distribution. Such an interface is rough everywhere, 1e-4 at least. None where nothing is added.
         """
         if f"{self.name}.slope_variance" not in self.values or self.is_zero("slope_variance"):

@@ -3,7 +3,7 @@
 By reciprocity that is what they let in. Light from a diffuse base under a coat has the shape T(mu) mu, where T is
 what a beam that comes from there, crosses every layer down to where light becomes diffuse, and is neither reflected
 nor absorbed on the way, has left. Divided by its integral, it carries the energy that the recursion says (theory
-(lobes.12)).
+(lobes.13)).
 """
 
 from __future__ import annotations

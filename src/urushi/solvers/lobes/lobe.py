@@ -1,7 +1,7 @@
 """One lobe: its value and its shape.
 
 A lobe is what a mirror of GGX facets would reflect, divided by what such a mirror loses by single scattering: it
-integrates to its energy (theory (lobes.11)). Light that is transmitted is a lobe, too, as if reflected: on the other
+integrates to its energy (theory (lobes.12)). Light that is transmitted is a lobe, too, as if reflected: on the other
 side, around the refracted direction (Belcour 2018, section 6).
 """
 
