@@ -56,6 +56,8 @@ def test_every_example_runs(page, mi, registries, tmp_path, monkeypatch):
         elif language == "python":
             exec(compile(text, page, "exec", dont_inherit=True), namespace)
         elif language == "xml":
+            import urushi.mitsuba  # noqa: F401, as the pages say
+
             scene = f'<scene version="3.0.0">{text}</scene>'
             loaded = mi.load_string(scene, parallel=False)
             assert "Layered" in str(loaded) or "Fourier" in str(loaded)
