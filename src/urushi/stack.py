@@ -148,7 +148,7 @@ class Stack(Description):
         return {
             f"layer_{index}.{name}": value
             for index, layer in enumerate(self.layers)
-            for name, value in _continuous(layer)
+            for name, value in continuous(layer)
         }
 
     def replace(self, changes: Mapping[str, Any]) -> Stack:
@@ -223,12 +223,12 @@ class Stack(Description):
     __str__ = __repr__
 
 
-def _continuous(piece: Description) -> Iterator[tuple[str, Any]]:
+def continuous(piece: Description) -> Iterator[tuple[str, Any]]:
     """Names and values of the continuous parameters of a layer or a phase function."""
     for name, rule in type(piece).rules().items():
         value = getattr(piece, name)
         if isinstance(value, Description) and not isinstance(value, Texture):
-            yield from ((f"{name}.{inner}", number) for inner, number in _continuous(value))
+            yield from ((f"{name}.{inner}", number) for inner, number in continuous(value))
         elif isinstance(rule, Parameter) and value is not None:
             yield name, value
 

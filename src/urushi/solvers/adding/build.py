@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from urushi.stack import Stack
+from urushi.stack import Stack, continuous
 
 from ...interfaces import Null
 from ...media import MEDIA, BoundGraded
@@ -70,17 +70,8 @@ def counts(stack: BoundStack, phases: list[Phase], accuracy: float) -> list[int]
 
 def phase_functions(stack: Stack) -> list[Phase]:
     """The phase functions of the media, from the top."""
-    found = []
-    for i, layer in enumerate(stack.layers):
-        if layer.is_medium:
-            head = f"layer_{i}.phase."
-            given: dict[str, Any] = {
-                name.removeprefix(head): value
-                for name, value in stack.parameters().items()
-                if name.startswith(head)
-            }
-            found.append(PHASES[layer.phase.kind](**given))  # type: ignore[attr-defined]
-    return found
+    phases = [layer.phase for layer in stack.layers if layer.is_medium]  # type: ignore[attr-defined]
+    return [PHASES[phase.kind](**dict(continuous(phase))) for phase in phases]
 
 
 def layers(

@@ -15,6 +15,7 @@ A new phase function is a class with `moments` and `eval` here, and a line in `P
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import lru_cache
 from typing import Any, Protocol
 
 import numpy as np
@@ -177,20 +178,28 @@ def harmonics(mu: np.ndarray, count: int, orders: range) -> np.ndarray:
     found = np.zeros((rows, len(orders), len(mu)))
     if rows == 0:
         return found
-    m = np.array(orders)[:rows]
-    first = np.cumprod(np.append(1, np.sqrt(1 - 0.5 / np.arange(1, m[-1] + 1))))[m]
+    m, first, one, two = _recurrence(rows, orders)
     found[0, : len(m)] = first[:, None] * np.sqrt((1 - mu) * (1 + mu)) ** m[:, None]
-    # sqrt(l^2 - m^2) Y_l = (2 l - 1) mu Y_(l-1) - sqrt((l-1)^2 - m^2) Y_(l-2), stable upwards
-    j = np.arange(rows)[:, None]
-    root = np.sqrt(j * (j + 2 * m))
-    one = ((2 * (m + j) - 1)[1:] / root[1:])[..., None] * mu
-    two = (root[:-1] / root[1:])[..., None]
+    one = one[..., None] * mu
     for k in range(1, rows):
         now = found[k, : min(rows - k, len(m))]  # the orders that have so many terms
         np.multiply(one[k - 1, : len(now)], found[k - 1, : len(now)], out=now)
         if k > 1:
             now -= two[k - 1, : len(now)] * found[k - 2, : len(now)]
     return found
+
+
+@lru_cache(maxsize=8)
+def _recurrence(rows: int, orders: range) -> tuple[np.ndarray, ...]:
+    """Orders m, Y_m^m over sin(theta)^m, and the two factors of the recurrence, stable upwards,
+
+    sqrt(l^2 - m^2) Y_l = (2 l - 1) mu Y_(l-1) - sqrt((l-1)^2 - m^2) Y_(l-2).
+    """
+    m = np.array(orders)[:rows]
+    first = np.cumprod(np.append(1, np.sqrt(1 - 0.5 / np.arange(1, m[-1] + 1))))[m]
+    j = np.arange(rows)[:, None]
+    root = np.sqrt(j * (j + 2 * m))
+    return m, first, (2 * (m + j) - 1)[1:] / root[1:], (root[:-1] / root[1:])[..., None]
 
 
 def between(mu: np.ndarray, moments: np.ndarray, orders: range) -> tuple[np.ndarray, np.ndarray]:

@@ -148,7 +148,7 @@ class AddingBSDF(BSDF):
             raise UrushiError(
                 "solution: found one of another stack; allowed: the operators of this very stack"
             )
-        if not solution.peaks:  # neither files nor sums have them
+        if not solution.peaks:  # solutions have them only where the error was measured with them
             solution.peaks.update(peaks(bound, phase_functions(stack), solution.terms))
         self.prepared = Prepared(solution, bound, order)
         self._cores: dict[tuple[str, bool], AddingCore] = {}

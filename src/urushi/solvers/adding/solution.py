@@ -72,7 +72,8 @@ class Solution:
         forward: by region, the share of the light scattered there that the solver counted as not scattered (delta-M);
             regions without such a share may be missing.
         terms: by region, the number of terms that the solver took of its phase function; {} where that is not known.
-        peaks: by region, the peak that these leave out of light that passes, where `once` covers it.
+        peaks: by region, the peak that these leave out of light that passes, where `once` covers it; only evaluation
+            needs it, and finds it where it is missing.
     """
 
     grid: Grid

@@ -109,13 +109,13 @@ class _Problem:
         for region, medium in zip(regions, media, strict=True):
             found.forward[region] = medium.truncated.forward
             found.terms[region] = len(medium.truncated.moments)
-        found.peaks.update(peaks(bound, self.phases, found.terms))
         return found
 
     def closed(self, solution: Solution) -> dict[tuple[bool, bool], np.ndarray]:
         """Light scattered once where `refine` looks, if how it fades depends on the nodes (see `Seen`)."""
         if not self.sharp or solution.closed_form != "single":
             return {}
+        solution.peaks.update(peaks(self.bound, self.phases, solution.terms))
         thirds = self.every.thirds
         found = {}
         for side in solution.parts:
