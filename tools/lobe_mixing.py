@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from make_lobe_tables import FINE, along, hats, lattice, lobe, spread_over
+from make_lobe_tables import FINE, along, beams, hats, lobe, sent, spread_over
 
 #: samples for each cosine, and cosines on either side of the critical angle
 SAMPLES, NODES = 1597, 20
@@ -47,34 +47,9 @@ def dielectric(eta: float, alpha: float) -> np.ndarray:
         eta: index beyond over index before.
         alpha: roughness of GGX; 0 for a smooth interface.
     """
-    from drjit.llvm.ad import Array3f64, Float64
-
-    from urushi.interfaces.base import Frame
-    from urushi.interfaces.dielectric import BoundDielectric
-    from urushi.optics.fresnel import fresnel_dielectric
-    from urushi.optics.microfacet import Microfacets
-
     cos, weight = cosines(eta)
-    if alpha == 0:
-        r, below = (
-            np.array(x)[:, None] for x in fresnel_dielectric(Float64(cos), Float64(eta), Float64(1 / eta))
-        )
-        sent = [counted(cos[:, None], r), counted(below, 1 - r)]
-        return np.concatenate([told(cos, weight, moments) for moments in sent])
-    u1, u2 = lattice(SAMPLES)
-    c = np.repeat(cos, len(u1))
-    w = Array3f64(np.sqrt((1 - c) * (1 + c)), 0 * c, c)
-    facets = Microfacets(Float64(alpha), Float64(alpha), "ggx", "correlated")
-    interface = BoundDielectric(Float64(eta), facets, False, Frame(0.0))
-    u = (0.5, Float64(np.tile(u1, len(cos))), Float64(np.tile(u2, len(cos))))
-    found = []
-    for side, sign in (("reflect", 1), ("transmit", -1)):
-        sample = interface.sample(w, u, True, side)
-        out, energy = sign * np.array(sample.o.z), np.array(sample.weight)
-        energy = np.where((out > 0) & np.isfinite(energy), energy, 0)
-        shape = len(cos), len(u1)
-        found.append(told(cos, weight, counted(np.abs(out).reshape(shape), energy.reshape(shape))))
-    return np.concatenate(found)
+    both = [counted(*sent(cos, alpha, eta, transmit, SAMPLES)) for transmit in (False, True)]
+    return np.concatenate([told(cos, weight, moments) for moments in both])
 
 
 def metal(alpha: float) -> np.ndarray:
@@ -86,21 +61,19 @@ def metal(alpha: float) -> np.ndarray:
 
     cos, weight = cosines(2.0)
     if alpha == 0:
-        sent = hats(cos)[:, :, None] * counted(cos[:, None], np.ones((len(cos), 1)))
+        found = hats(cos)[:, :, None] * counted(cos[:, None], np.ones((len(cos), 1)))
     else:
-        u1, u2 = lattice(SAMPLES)
-        c = np.repeat(cos, len(u1))
-        w = Array3f64(np.sqrt((1 - c) * (1 + c)), 0 * c, c)
+        w, u = beams(cos, SAMPLES)
         facets = Microfacets(Float64(alpha), Float64(alpha), "ggx", "correlated")
-        m = facets.sample(w, Float64(np.tile(u1, len(cos))), Float64(np.tile(u2, len(cos))))
+        m = facets.sample(w, *u)
         o = reflect(w, m)
         out = np.abs(np.array(o.z))
         kept = np.array(facets.masked(w, Array3f64(o.x, o.y, out), facets.sigma(w)))
         kept = np.where(np.array(o.z) > 0, kept, 0)
-        shape = len(cos), len(u1)
+        shape = len(cos), -1
         each = hats(np.clip(np.array(m.x * w.x + m.y * w.y + m.z * w.z), 0, 1)) * kept
-        sent = np.stack([counted(out.reshape(shape), e.reshape(shape)) for e in each])
-    return np.concatenate([told(cos, weight, moments) for moments in sent])
+        found = np.stack([counted(out.reshape(shape), e.reshape(shape)) for e in each])
+    return np.concatenate([told(cos, weight, moments) for moments in found])
 
 
 def tables() -> dict[str, np.ndarray]:
@@ -137,7 +110,7 @@ def backs() -> np.ndarray:
 def back(eta: float, alphas: np.ndarray, widths: np.ndarray, cos: np.ndarray) -> np.ndarray:
     """(A, W, N, COUNT - 1): `backs` for an index below over index above, roughnesses of the interface and of the mirror
     below, and cosines of the light that enters."""
-    from lobe_round_trips import sent
+    from lobe_round_trips import spread
     from urushi.solvers.lobes import axes
     from urushi.solvers.lobes.moments import COUNT, polynomials
 
@@ -145,10 +118,10 @@ def back(eta: float, alphas: np.ndarray, widths: np.ndarray, cos: np.ndarray) ->
     legendre = np.stack(polynomials(inside)[1:])
     found = np.zeros((len(alphas), len(widths), len(cos), COUNT - 1))
     for a, alpha in enumerate(alphas):
-        entered = sent(cos, float(alpha), eta, True)
+        entered = spread(cos, float(alpha), eta, True)
         for i in reversed(range(len(cos) - 1)):  # as the next one has it, where all is reflected
             entered[i] = entered[i] if entered[i].sum() > 1e-9 else entered[i + 1]
-        down = sent(inside, float(alpha), 1 / eta, False)
+        down = spread(inside, float(alpha), 1 / eta, False)
         for b, width in enumerate(widths):
             o, weight = lobe(inside, float(width))
             light = entered @ spread_over(along(o, 1 / eta), weight, FINE) @ down

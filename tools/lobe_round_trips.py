@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from make_lobe_tables import FINE, along, lattice, lobe, spread_over
+from make_lobe_tables import FINE, along, lobe, sent, spread_over
 
 #: samples for each cosine
 SAMPLES = 4181
@@ -20,7 +20,7 @@ KEPT = (0.5, 0.9)
 KEPT_DOWN = 0.8
 
 
-def sent(cos: np.ndarray, alpha: float, eta: float, transmit: bool) -> np.ndarray:
+def spread(cos: np.ndarray, alpha: float, eta: float, transmit: bool) -> np.ndarray:
     """(N, FINE): where light from each cosine goes; rows sum to reflectance or transmittance.
 
     Args:
@@ -30,31 +30,9 @@ def sent(cos: np.ndarray, alpha: float, eta: float, transmit: bool) -> np.ndarra
         transmit: what is transmitted, at nodes for light that comes back up through the interface; else what is
             reflected, at nodes for light on this side.
     """
-    from drjit.llvm.ad import Array3f64, Float64
-
-    from urushi.interfaces.base import Frame
-    from urushi.interfaces.dielectric import BoundDielectric
-    from urushi.optics.fresnel import fresnel_dielectric
-    from urushi.optics.microfacet import Microfacets
-
-    there = 1 / eta if transmit else eta
-    if alpha == 0:
-        r, below = (np.array(x) for x in fresnel_dielectric(Float64(cos), Float64(eta), Float64(1 / eta)))
-        out, energy = (below, 1 - r) if transmit else (cos, r)
-        return spread_over(along(out, there)[:, None], energy[:, None], FINE)
-    u1, u2 = lattice(SAMPLES)
-    c = np.repeat(cos, len(u1))
-    w = Array3f64(np.sqrt((1 - c) * (1 + c)), 0 * c, c)
-    facets = Microfacets(Float64(alpha), Float64(alpha), "ggx", "correlated")
-    interface = BoundDielectric(Float64(eta), facets, False, Frame(0.0))
-    u = (0.5, Float64(np.tile(u1, len(cos))), Float64(np.tile(u2, len(cos))))
-    found = interface.sample(w, u, True, "transmit" if transmit else "reflect")
-    out, weight = np.array(found.o.z), np.array(found.weight)
-    right = out < 0 if transmit else out > 0
-    shape = len(cos), len(u1)
-    out = np.maximum(np.abs(out), 1e-6).reshape(shape)
-    weight = np.where(right & np.isfinite(weight), weight, 0).reshape(shape) / len(u1)
-    return spread_over(along(out, there), weight, FINE)
+    out, weight = sent(cos, alpha, eta, transmit, SAMPLES)
+    place = along(np.maximum(out, 1e-6), 1 / eta if transmit else eta)
+    return spread_over(place, weight / weight.shape[1], FINE)
 
 
 def round_trips(eta: float, alphas: np.ndarray, widths: np.ndarray, cos: np.ndarray) -> np.ndarray:
@@ -78,15 +56,15 @@ def round_trips(eta: float, alphas: np.ndarray, widths: np.ndarray, cos: np.ndar
         mirrors.append(spread_over(along(o, 1 / eta), weight, FINE))
     table = np.zeros((len(alphas), len(widths), len(cos), 7))
     for a, alpha in enumerate(alphas):
-        entered = sent(cos, float(alpha), eta, True)
+        entered = spread(cos, float(alpha), eta, True)
         energy = entered.sum(axis=1)
         for i in reversed(
             range(len(cos) - 1)
         ):  # nothing to follow where all is reflected: as the next one has it
             entered[i] = entered[i] if energy[i] > 1e-9 else entered[i + 1]
         entered /= entered.sum(axis=1, keepdims=True)
-        back = sent(inside, float(alpha), 1 / eta, False)
-        r, t = back.sum(axis=1), sent(inside, float(alpha), 1 / eta, True).sum(axis=1)
+        back = spread(inside, float(alpha), 1 / eta, False)
+        r, t = back.sum(axis=1), spread(inside, float(alpha), 1 / eta, True).sum(axis=1)
         for b, mirror in enumerate(mirrors):
             up = entered @ mirror
             down = up @ back

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from lobe_round_trips import sent
+from lobe_round_trips import spread
 from make_lobe_tables import FINE
 
 
@@ -27,10 +27,10 @@ def sheet(eta: float, alphas: np.ndarray, cos: np.ndarray) -> np.ndarray:
     from urushi.solvers.lobes import axes
 
     inside = axes.cosines(1 / eta, FINE)
-    entered = [sent(cos, float(alpha), eta, True) for alpha in alphas]
+    entered = [spread(cos, float(alpha), eta, True) for alpha in alphas]
     entered = [light / light.sum(axis=1, keepdims=True) for light in entered]
-    back = [sent(inside, float(alpha), 1 / eta, False) for alpha in alphas]
-    out = [sent(inside, float(alpha), 1 / eta, True).sum(axis=1) for alpha in alphas]
+    back = [spread(inside, float(alpha), 1 / eta, False) for alpha in alphas]
+    out = [spread(inside, float(alpha), 1 / eta, True).sum(axis=1) for alpha in alphas]
     table = np.zeros((len(alphas), len(alphas), len(cos), 8))
     for a, light in enumerate(entered):
         for b in range(len(alphas)):

@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import sys
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -30,6 +31,45 @@ def lattice(count: int) -> tuple[np.ndarray, np.ndarray]:
         small, size = size, small + size
     i = np.arange(size)
     return (i + 0.5) / size, (i * small % size + 0.5) / size
+
+
+def beams(cos: np.ndarray, samples: int) -> tuple[Any, tuple[Any, Any]]:
+    """For every sample, cosine by cosine, the direction (N `samples`,) and two even numbers, in double precision."""
+    from drjit.llvm.ad import Array3f64, Float64
+
+    u1, u2 = lattice(samples)
+    c = np.repeat(cos, len(u1))
+    w = Array3f64(np.sqrt((1 - c) * (1 + c)), 0 * c, c)
+    return w, (Float64(np.tile(u1, len(cos))), Float64(np.tile(u2, len(cos))))
+
+
+def sent(
+    cos: np.ndarray, alpha: float, eta: float, transmit: bool, samples: int
+) -> tuple[np.ndarray, np.ndarray]:
+    """Cosines (N, `samples`) of what a dielectric of GGX facets sends out, and weights, whose means are the energies.
+
+    Args:
+        cos: (N,) of incidence.
+        alpha: roughness; 0 for a smooth interface, of which there is one sample.
+        eta: index beyond over index before.
+        transmit: which side.
+    """
+    from drjit.llvm.ad import Float64
+
+    from urushi.interfaces.base import Frame
+    from urushi.interfaces.dielectric import BoundDielectric
+    from urushi.optics.microfacet import Microfacets
+
+    if alpha == 0:
+        r, t, below, _ = smooth(cos, eta)
+        return (below[:, None], t[:, None]) if transmit else (cos[:, None], r[:, None])
+    w, u = beams(cos, samples)
+    facets = Microfacets(Float64(alpha), Float64(alpha), "ggx", "correlated")
+    interface = BoundDielectric(Float64(eta), facets, False, Frame(0.0))
+    found = interface.sample(w, (0.5, *u), True, "transmit" if transmit else "reflect")
+    out, weight = (np.array(x).reshape(len(cos), -1) for x in (found.o.z, found.weight))
+    right = out < 0 if transmit else out > 0
+    return np.abs(out), np.where(right & np.isfinite(weight), weight, 0)
 
 
 def directional(cos: np.ndarray, alpha: np.ndarray, eta: np.ndarray, kind: tuple[str, str]) -> np.ndarray:
@@ -80,16 +120,12 @@ def lobe(cos: np.ndarray, alpha: float) -> tuple[np.ndarray, np.ndarray]:
 
     if alpha == 0:
         return cos[:, None], np.ones((len(cos), 1))
-    u1, u2 = lattice(SAMPLES)
-    n = len(u1)
-    c = np.repeat(cos, n)
-    w = Array3f64(np.sqrt((1 - c) * (1 + c)), 0 * c, c)
+    w, u = beams(cos, SAMPLES)
     facets = Microfacets(Float64(alpha), Float64(alpha), "ggx", "correlated")
-    m = facets.sample(w, Float64(np.tile(u1, len(cos))), Float64(np.tile(u2, len(cos))))
-    o = reflect(w, m)
+    o = reflect(w, facets.sample(w, *u))
     weight = dr.select(o.z > 0, facets.masked(w, Array3f64(o.x, o.y, dr.abs(o.z)), facets.sigma(w)), 0)
-    weight = np.array(weight).reshape(-1, n)
-    return np.maximum(np.array(o.z).reshape(-1, n), 1e-6), weight / weight.sum(axis=1, keepdims=True)
+    weight = np.array(weight).reshape(len(cos), -1)
+    return np.maximum(np.array(o.z).reshape(weight.shape), 1e-6), weight / weight.sum(axis=1, keepdims=True)
 
 
 def mean_over(values: np.ndarray, place: np.ndarray, weight: np.ndarray) -> np.ndarray:
@@ -232,21 +268,18 @@ def metal(kind: tuple[str, str]) -> tuple[np.ndarray, np.ndarray]:
 
     alphas, widths = axes.squares(axes.ROUGHNESSES), axes.squares(axes.WIDTHS)
     cos = axes.cosines(2.0, FINE)
-    u1, u2 = lattice(SAMPLES)
-    n = len(u1)
-    c = np.repeat(cos, n)
-    w = Array3f64(np.sqrt((1 - c) * (1 + c)), 0 * c, c)
+    w, u = beams(cos, SAMPLES)
     rows = []
     for alpha in alphas:
         if alpha == 0:
             rows.append(hats(cos))
             continue
         facets = Microfacets(Float64(alpha), Float64(alpha), *kind)
-        m = facets.sample(w, Float64(np.tile(u1, FINE)), Float64(np.tile(u2, FINE)))
+        m = facets.sample(w, *u)
         o = reflect(w, m)
         kept = facets.masked(w, Array3f64(o.x, o.y, dr.abs(o.z)), facets.sigma(w))
         kept = np.array(dr.select(o.z > 0, kept, 0))
-        rows.append((hats(np.array(dr.dot(w, m))) * kept).reshape(NODES, FINE, n).mean(axis=2))
+        rows.append((hats(np.array(dr.dot(w, m))) * kept).reshape(NODES, FINE, -1).mean(axis=2))
     fine = np.stack(rows).reshape(-1, FINE)
     table = np.zeros((axes.ROUGHNESSES, axes.WIDTHS, axes.COSINES, NODES))
     for b, width in enumerate(widths):
