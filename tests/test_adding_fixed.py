@@ -140,3 +140,23 @@ def test_an_unknown_way_of_solving_media_is_refused():
         ur.solve(SLAB, "adding", media="dubling")
     with pytest.raises(UrushiError, match=r"media: found 3; allowed: ordinates, doubling, riccati$"):
         ur.solve(SLAB, "adding", media=3)
+
+
+def test_the_plugin_takes_media(mi, tmp_path, monkeypatch):
+    from urushi.solvers.adding import doubling
+
+    asked = []
+    own = doubling.solve
+    monkeypatch.setattr(doubling, "solve", lambda *args: asked.append(args) or own(*args))
+    ur.save(SLAB, tmp_path / "slab.yaml")
+    options = {"filename": str(tmp_path / "slab.yaml"), "method": "adding", "nodes": 9}
+    layered(mi, **options)
+    assert not asked
+    layered(mi, **options, media="doubling")
+    assert asked  # and nothing that was solved otherwise was taken for it
+    with pytest.raises(
+        Exception, match=r"layered\.media: found 'dubling'; allowed: .*did you mean 'doubling'"
+    ):
+        layered(mi, **options, media="dubling")
+    with pytest.raises(Exception, match=r"layered\.media: is no option of method 'walk'"):
+        layered(mi, filename=options["filename"], media="doubling")

@@ -199,6 +199,15 @@ def test_check_describes_and_reports(run, monkeypatch):
         (["varnish.yaml", "--size", "wide"], "--size is 'wide'"),
         (["varnish.yaml", "--samples", "0"], "--samples is 0"),
         (["varnish.yaml", "--samples", "4", "--method", "lobes"], "--method lobes"),
+        (
+            ["varnish.yaml", "--orders", "4"],
+            "--orders is 4 with --method walk; allowed: with --method adding",
+        ),
+        (["varnish.yaml", "--media", "riccati", "-m", "lobes"], "--media is riccati with --method lobes"),
+        (["varnish.yaml", "--media", "riccati", "-m", "adding"], "no layer of varnish is a medium"),
+        (["varnish.yaml", "--media", "ricati", "-m", "adding"], "did you mean 'riccati'?"),
+        (["varnish.yaml", "--nodes", "2", "-m", "adding"], "--nodes is 2; allowed: 4 to 1000"),
+        (["varnish.yaml", "--accuracy", "1", "-m", "adding"], "--accuracy is 1.0"),
         (["varnish.yaml", "-o", "a.jpg"], ".png or .exr"),
         (["varnish.yaml", "-o", "scene.xml/a.png"], "cannot make the folder"),
         (["varnish.yaml", "-o", "folder.png"], "it is a folder"),
@@ -233,13 +242,35 @@ def test_render_writes_a_picture_of_the_material(run, stand_in, tmp_path, mi):
     assert middle[2] > 2 * middle[0]  # the stand-in is blue
 
 
+def test_render_hands_on_what_adding_takes(run, monkeypatch):
+    from urushi.adapters import picture
+
+    given = {}
+    monkeypatch.setattr(render.stage, "builtin", lambda bsdf, *_: given.update(bsdf))
+    monkeypatch.setattr(picture, "render", lambda *_: np.ones((2, 2, 3), np.float32))
+    fog = "urushi: 1\nlayers: [{medium: {depth: 0.5, albedo: 0.9}}]\n"
+    Path("fog.yaml").write_text(fog)
+    args = ["--accuracy", "0.02", "--nodes", "9", "--orders", "3", "--media", "doubling"]
+    status, _, err = run("render", "fog.yaml", "-m", "adding", *args)
+    assert status == 0, err
+    assert {name: given[name] for name in ("accuracy", "nodes", "orders", "media")} == {
+        "accuracy": 0.02,
+        "nodes": 9,
+        "orders": 3,
+        "media": "doubling",
+    }
+    given.clear()
+    assert run("render", "fog.yaml", "-m", "adding")[0] == 0
+    assert set(given) == {"type", "filename", "method"}
+
+
 def test_render_replaces_a_material_of_a_scene_file(run, stand_in, tmp_path, mi):
     """The named BSDF comes from an included file; its place is taken, and nothing else changes."""
     args = ["--scene", str(tmp_path / "scene.xml"), "--material", "red", "-o", "a.EXR"]
     status, out, err = run("render", "varnish.yaml", *args)
     assert status == 0, err
     assert "12x8, 4 spp" in out
-    bitmap = mi.Bitmap("a.exr")
+    bitmap = mi.Bitmap("a.EXR")
     middle = np.array(bitmap)[3:5, 5:7, :3].mean(axis=(0, 1))
     np.testing.assert_allclose(middle, [0.0, 0.0, 0.6], atol=0.02)
     assert bitmap.metadata()["urushi.material"] == "varnish.yaml"

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import fnmatch
 import sys
 
 import numpy as np
@@ -77,6 +78,27 @@ def test_orders_are_fixed(run, tmp_path):
     assert native.load(tmp_path / "v.urushi.npz").diagnostics["orders"] == 3
 
 
+def test_media_are_solved_as_asked(run, tmp_path, monkeypatch):
+    asked = []
+    own = whole.build.layers
+    monkeypatch.setattr(
+        whole.build, "layers", lambda *args, **given: asked.append(given["method"]) or own(*args, **given)
+    )
+    (tmp_path / "fog.yaml").write_text("urushi: 1\nlayers: [{medium: {depth: 0.5, albedo: 0.9}}]\n")
+    args = ["fog.yaml", "-o", "v.urushi.npz", "--nodes", "6"]
+    assert run(*args, "--media", "doubling")[0] == 0 and set(asked) == {"doubling"}
+    asked.clear()
+    assert run(*args)[0] == 0 and set(asked) == {"ordinates"}
+
+
+def test_the_name_is_kept_as_it_was_written(run, tmp_path):
+    for name in ("v.BSDF", "v.Urushi.NPZ"):
+        status, out, _ = run("varnish.yaml", "-o", name, "--nodes", "8", "--accuracy", "0.05")
+        assert status == 0 and f"wrote {name} " in out
+    assert names(tmp_path) == ["v.BSDF", "v.Urushi.NPZ"]
+    assert native.load(tmp_path / "v.Urushi.NPZ").stack == ur.load(tmp_path / "varnish.yaml")
+
+
 @pytest.mark.parametrize(
     ("args", "said"),
     [
@@ -86,6 +108,8 @@ def test_orders_are_fixed(run, tmp_path):
         (["-o", "v.bsdf", "--nodes", "1"], "--nodes"),
         (["-o", "v.bsdf", "--orders", "0"], "--orders"),
         (["-o", "v.urushi.npz", "--delta", "omit"], "--delta"),
+        (["-o", "v.bsdf", "--media", "dubling"], "did you mean 'doubling'?"),
+        (["-o", "v.bsdf", "--media", "doubling"], "no layer of varnish is a medium"),
     ],
 )
 def test_wrong_usage_is_found_before_anything_is_solved(run, tmp_path, monkeypatch, args, said):
@@ -134,10 +158,15 @@ def test_an_interrupted_bake_goes_on_where_it_stopped(run, tmp_path, monkeypatch
     status, _, err = run(*command)
     assert status == cli.INTERRUPTED and "goes on from there" in err
     (part,) = names(tmp_path)
-    assert part.endswith(".part")
+    assert (
+        part.endswith(".part")
+        and f"1 file ({(tmp_path / part).stat().st_size / 1e3:.1f} kB, .v.urushi.npz." in err
+    )
+    assert fnmatch.fnmatch(f"./{part}", err.split("rm ")[1].split()[0])  # what it says removes it
     solved.clear()
     stop = None
-    run("varnish.yaml", "-o", "v.urushi.npz", "--accuracy", "0.01")
+    _, _, err = run("varnish.yaml", "-o", "v.urushi.npz", "--accuracy", "0.01")
+    assert "there still are 1 file" in err and part.partition("-")[0] in err
     anew = list(solved)
     assert names(tmp_path) == [part, "v.urushi.npz"]  # another accuracy: nothing of it is used
     solved.clear()
@@ -145,8 +174,9 @@ def test_an_interrupted_bake_goes_on_where_it_stopped(run, tmp_path, monkeypatch
     assert solved and names(tmp_path) == [part, "v.urushi.npz"]  # nor with other orders
     solved.clear()
     content = (tmp_path / part).read_bytes()
-    status, _, _ = run(*command)
+    status, _, err = run(*command)
     assert status == 0 and names(tmp_path) == ["v.urushi.npz"]
+    assert "going on from 1 file" in err and part.partition("-")[0] in err
     resumed = list(solved)
     assert anew[0] not in resumed and len(resumed) > 0
     solved.clear()
@@ -155,3 +185,9 @@ def test_an_interrupted_bake_goes_on_where_it_stopped(run, tmp_path, monkeypatch
     assert solved == [anew[0], *resumed] and names(tmp_path) == ["v.urushi.npz"]
     again = native.load(tmp_path / "v.urushi.npz")
     assert again.diagnostics["estimated_error"] <= 0.005
+    # Of another material it is out of date as soon as the output is written; what only looks like it stays.
+    (tmp_path / part).write_bytes(content)
+    (tmp_path / ".v.urushi.npz.mine.part").write_bytes(b"")
+    (tmp_path / "varnish.yaml").write_text(MATERIAL.replace("0.5", "0.6"))
+    status, _, err = run(*command)
+    assert (status, err) == (0, "") and names(tmp_path) == [".v.urushi.npz.mine.part", "v.urushi.npz"]

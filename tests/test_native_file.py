@@ -127,6 +127,18 @@ def test_slabs_are_five_times_smaller_than_layerlabs(tmp_path):
         assert difference(loaded.solution, best.solution) < told <= 1e-3
 
 
+@pytest.mark.parametrize("accuracy", [0.5, 1e-6, 1e-9])
+def test_its_own_default_error_is_one_that_it_takes(tmp_path, accuracy):
+    """However small the accuracy: no file knows better than single precision, and it says so."""
+    bsdf = ur.solve(ur.Stack(layers=[ur.Medium(depth=0.1, albedo=0.5)]), "adding", nodes=6, accuracy=accuracy)
+    native.save(bsdf, tmp_path / "x.urushi.npz")
+    error = native.load(tmp_path / "x.urushi.npz").diagnostics["file_error"]
+    assert (
+        error == native.spare(bsdf)
+        and max(0.1 * accuracy, 1e-7) * 0.999 <= error <= max(0.5 * accuracy, 1e-7) * 1.001
+    )
+
+
 def test_a_smaller_error_takes_a_larger_file(saved):
     sizes = [os.path.getsize(saved("opaque", error=error)) for error in (1e-2, 1e-4, 1e-6)]
     assert sizes[0] < sizes[1] < sizes[2]

@@ -96,7 +96,7 @@ def write(image: Image, path: Path, notes: dict[str, str] | None = None) -> None
     """
     import mitsuba as mi
 
-    if path.suffix == ".exr":
+    if path.suffix.lower() == ".exr":
         enough_threads()
         bitmap = mi.Bitmap(np.ascontiguousarray(image, dtype=np.float32))
     else:
@@ -104,7 +104,7 @@ def write(image: Image, path: Path, notes: dict[str, str] | None = None) -> None
         bitmap = mi.Bitmap(pixels if pixels.shape[2] == 3 else pixels[..., :1])
     for key, value in (notes or {}).items():
         bitmap.metadata()[key] = value
-    handle, name = tempfile.mkstemp(prefix=f".{path.stem}-", suffix=path.suffix, dir=path.parent)
+    handle, name = tempfile.mkstemp(prefix=f".{path.stem}-", suffix=path.suffix.lower(), dir=path.parent)
     os.close(handle)
     try:
         bitmap.write(name)

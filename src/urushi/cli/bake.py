@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import hashlib
 import math
+import re
+import shlex
 import time
 from collections.abc import Callable
 from pathlib import Path
@@ -16,6 +18,7 @@ from urushi.cli.common import WrongUsage
 from urushi.errors import MaterialError
 
 if TYPE_CHECKING:
+    from urushi.solvers.adding.media import Method
     from urushi.solvers.adding.solution import Solution
     from urushi.stack import Stack
 
@@ -32,6 +35,9 @@ def command(
     orders: int | None = typer.Option(
         None, help="A fixed number of azimuthal orders instead, whatever the error."
     ),
+    media: str | None = typer.Option(
+        None, help="How media are solved: ordinates (the usual), doubling, or riccati; to the same result."
+    ),
     delta: Literal["refuse", "omit"] = typer.Option(
         "refuse", help="With .bsdf: what to do with light that leaves in one direction only."
     ),
@@ -40,31 +46,29 @@ def command(
     start = time.perf_counter()
     if not output.name.lower().endswith(ENDINGS):
         raise WrongUsage(f"cannot write {str(output)!r}: the name must end in {' or '.join(ENDINGS)}")
-    from urushi.solvers.adding import MOST_ORDERS, reasons_against
-
-    if not 1e-6 <= accuracy <= 0.5:
-        raise WrongUsage(f"--accuracy is {accuracy}; allowed: 1e-6 to 0.5")
-    if nodes is not None and not 4 <= nodes <= 1000:
-        raise WrongUsage(f"--nodes is {nodes}; allowed: 4 to 1000")
-    if orders is not None and not 1 <= orders <= MOST_ORDERS:
-        raise WrongUsage(f"--orders is {orders}; allowed: 1 to {MOST_ORDERS}")
+    common.adding_options("adding", accuracy, nodes, orders, media)
     fourier = output.name.lower().endswith(".bsdf")
     if delta != "refuse" and not fourier:
         raise WrongUsage("--delta belongs to .bsdf files; a .urushi.npz file has room for all light")
     stack = common.load(material)
+    common.has_media(media, stack)
     path = common.writable(output, (".bsdf", ".npz"))
 
     from urushi.errors import UnsupportedStack
+    from urushi.solvers.adding import media_method, reasons_against
     from urushi.solvers.adding.result import AddingBSDF
     from urushi.solvers.adding.whole import solution
 
     if reasons := reasons_against(stack):
         raise UnsupportedStack("adding", reasons, ["walk"])
-    partial = Partial(path, stack, accuracy, nodes, orders)
+    method = media_method(media)
+    partial = Partial(path, stack, accuracy, nodes, orders, method)
+    if waiting := partial.waiting():
+        typer.echo(f"going on from {_files(waiting)} of an interrupted bake", err=True)
     try:
         with progress.bar(f"solving {stack.name or path.stem}") as advance:
             shown = _shown(advance, accuracy)
-            found = solution(stack, accuracy, nodes, shown, keep=partial.keep, orders=orders)
+            found = solution(stack, accuracy, nodes, shown, keep=partial.keep, orders=orders, media=method)
         bsdf = AddingBSDF(stack, found)
         error = found.diagnostics["estimated_error"]
         if fourier:
@@ -82,7 +86,10 @@ def command(
             error += spare
     except KeyboardInterrupt:
         if partial.files:
-            common.warn("what was solved is kept; the same command goes on from there")
+            common.warn(
+                f"what was solved is kept in {_files(partial.files)}; the same command goes on from there, and "
+                f"removes them. To give it up: rm {shlex.quote(str(path.parent))}/{shlex.quote(partial.head)}.*.part"
+            )
         raise
     partial.remove()
     size = path.stat().st_size
@@ -90,36 +97,61 @@ def command(
         f"wrote {path}  ({size / 1e3:.1f} kB, {found.diagnostics['nodes']} nodes, {found.diagnostics['orders']} "
         f"orders, error {error:.2g}, {time.perf_counter() - start:.1f} s)"
     )
+    if others := partial.others():
+        typer.echo(f"there still are {_files(others)} of unfinished bakes with other options", err=True)
 
 
 class Partial:
     """The finished refinements of a bake, in hidden files beside its output.
 
+    They are called ``.OUTPUT.MATERIAL-OPTIONS.NODES.part``, with a digest of the material (and of the version that
+    solves it) and one of the options: the same command finds them again, another one leaves them alone. Those of
+    another material are out of date as soon as the output is written.
+
     Args:
         path: the output.
-        stack, accuracy, nodes, orders: what is being solved; files of anything else have other names, and are
-            not looked at.
+        stack, accuracy, nodes, orders, media: what is being solved, and how.
 
     Attributes:
+        head: what the names of its files begin with.
         files: those that were written or used.
     """
 
     def __init__(
-        self, path: Path, stack: Stack, accuracy: float, nodes: int | None, orders: int | None
+        self,
+        path: Path,
+        stack: Stack,
+        accuracy: float,
+        nodes: int | None,
+        orders: int | None,
+        media: Method,
     ) -> None:
         from urushi import __version__, io
 
-        key = repr((__version__, io.dumps(stack, "json"), accuracy, nodes, orders))
-        self.stack, self.error = stack, max(_SPARE * accuracy, 1e-7)
-        self.head = path.with_name(f".{path.name}.{hashlib.sha256(key.encode()).hexdigest()[:16]}")
+        self.path, self.stack, self.error = path, stack, max(_SPARE * accuracy, 1e-7)
+        self._material = f".{path.name}.{_digest(__version__, io.dumps(stack, 'json'))}"
+        self.head = f"{self._material}-{_digest(accuracy, nodes, orders, media)}"
         self.files: list[Path] = []
+
+    def _found(self) -> list[Path]:
+        """All such files beside the output, whatever bake they are of."""
+        name = re.compile(re.escape(f".{self.path.name}.") + r"[0-9a-f]{12}-[0-9a-f]{12}\.\d+(-\d+)*\.part")
+        return sorted(file for file in self.path.parent.iterdir() if name.fullmatch(file.name))
+
+    def waiting(self) -> list[Path]:
+        """Those of an earlier run of this very bake."""
+        return [file for file in self._found() if file.name.startswith(f"{self.head}.")]
+
+    def others(self) -> list[Path]:
+        """Those of this material with other options."""
+        return [file for file in self._found() if not file.name.startswith(f"{self.head}.")]
 
     def keep(self, counts: list[int], make: Callable[[], Solution]) -> Solution:
         """The solution with these numbers of nodes: from its file, or made and put into one."""
         from urushi.adapters.native.file import packed, read
         from urushi.io import replace
 
-        file = self.head.with_name(f"{self.head.name}.{'-'.join(map(str, counts))}.part")
+        file = self.path.with_name(f"{self.head}.{'-'.join(map(str, counts))}.part")
         try:
             told, found = read(file)
             if (
@@ -140,9 +172,22 @@ class Partial:
         return found
 
     def remove(self) -> None:
-        """Forget it all."""
-        for file in self.files:
+        """Forget it all, and what is out of date."""
+        stale = [file for file in self.others() if not file.name.startswith(f"{self._material}-")]
+        for file in (*self.waiting(), *stale):
             file.unlink(missing_ok=True)
+
+
+def _digest(*given: Any) -> str:
+    return hashlib.sha256(repr(given).encode()).hexdigest()[:12]
+
+
+def _files(files: list[Path]) -> str:
+    """How many, how large, and where."""
+    size = sum(file.stat().st_size for file in files)
+    count = "1 file" if len(files) == 1 else f"{len(files)} files"
+    first = re.sub(r"\.[\d-]+\.part$", ".*.part", files[0].name)
+    return f"{count} ({size / 1e3:.1f} kB, {files[0].with_name(first)})"
 
 
 def _shown(advance: Callable[[int, int], None], accuracy: float) -> Callable[[int, float], Any]:

@@ -108,7 +108,7 @@ def writable(path: Path, suffixes: tuple[str, ...]) -> Path:
         raise WrongUsage(f"cannot make the folder {str(path.parent)!r}: {error.strerror}") from None
     if not os.access(path.parent, os.W_OK):
         raise WrongUsage(f"cannot write to the folder {str(path.parent)!r}")
-    return path.with_suffix(path.suffix.lower())
+    return path
 
 
 def known_method(method: str) -> None:
@@ -117,3 +117,37 @@ def known_method(method: str) -> None:
 
     if method not in (*SOLVERS, "auto"):
         raise WrongUsage(f"--method is {method!r}; allowed: {', '.join([*SOLVERS, 'auto'])}")
+
+
+def adding_options(
+    method: str, accuracy: float | None, nodes: int | None, orders: int | None, media: str | None
+) -> dict[str, Any]:
+    """What was said of what only the method adding takes, by name.
+
+    Raises:
+        WrongUsage: another method, or a value out of range.
+    """
+    from urushi.solvers.adding import MOST_ORDERS, media_method
+
+    given = {"accuracy": accuracy, "nodes": nodes, "orders": orders, "media": media}
+    given = {name: value for name, value in given.items() if value is not None}
+    for name, value in given.items():
+        if method != "adding":
+            raise WrongUsage(f"--{name} is {value} with --method {method}; allowed: with --method adding")
+    if accuracy is not None and not 1e-6 <= accuracy <= 0.5:
+        raise WrongUsage(f"--accuracy is {accuracy}; allowed: 1e-6 to 0.5")
+    if nodes is not None and not 4 <= nodes <= 1000:
+        raise WrongUsage(f"--nodes is {nodes}; allowed: 4 to 1000")
+    if orders is not None and not 1 <= orders <= MOST_ORDERS:
+        raise WrongUsage(f"--orders is {orders}; allowed: 1 to {MOST_ORDERS}")
+    try:
+        media_method(media)
+    except UrushiError as error:
+        raise WrongUsage(f"--{error}") from None
+    return given
+
+
+def has_media(media: str | None, stack: Stack) -> None:
+    """Refuse to be told how media are solved where there are none."""
+    if media is not None and not any(layer.is_medium for layer in stack.layers):
+        raise WrongUsage(f"--media is {media}, and no layer of {stack.name or 'this material'} is a medium")

@@ -37,6 +37,18 @@ def command(
         None, help="Object in the built-in scene; else ball."
     ),
     samples: int | None = typer.Option(None, help="With --method walk: walks per evaluation."),
+    accuracy: float | None = typer.Option(
+        None, help="With --method adding: error allowed, relative to the peak of the BSDF; else 1e-3."
+    ),
+    nodes: int | None = typer.Option(
+        None, help="With --method adding: a fixed number of directions instead, whatever the error."
+    ),
+    orders: int | None = typer.Option(
+        None, help="With --method adding: a fixed number of azimuthal orders instead."
+    ),
+    media: str | None = typer.Option(
+        None, help="With --method adding: how media are solved, ordinates (the usual), doubling, or riccati."
+    ),
     seed: int = typer.Option(0, help="Where the random numbers start; the same seed, the same picture."),
     variant: str | None = typer.Option(None, help="Mitsuba variant; else llvm_ad_rgb."),
 ) -> None:
@@ -49,6 +61,7 @@ def command(
         raise WrongUsage(
             f"--samples is {samples} with --method {method}; allowed: 1 or more, with --method walk"
         )
+    options = common.adding_options(method, accuracy, nodes, orders, media)
     if not 0 <= seed < 2**32:
         raise WrongUsage(f"--seed is {seed}; allowed: 0 to {2**32 - 1}")
     pixels = _pixels(size)
@@ -59,13 +72,14 @@ def command(
     if scene is not None and not scene.is_file():
         raise WrongUsage(f"there is no scene file {str(scene)!r}")
     stack = common.load(material)
+    common.has_media(media, stack)
     title = Path(material.removeprefix("preset:")).stem
     path = common.writable(output or Path("out", f"{title}.png"), (".png", ".exr"))
     backend.use(variant)
 
     from urushi.adapters import picture
 
-    bsdf = _bsdf(material, method, samples)
+    bsdf = _bsdf(material, method, samples) | options
     with progress.bar(f"rendering {stack.name or title}") as advance:
         if scene is None:
             loaded = stage.builtin(bsdf, pixels or SIZE, light or "studio", shape or "ball")

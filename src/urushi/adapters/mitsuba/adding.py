@@ -14,10 +14,10 @@ from typing import Any
 import drjit as dr
 import numpy as np
 
-from urushi.errors import MaterialError, UnsupportedStack
+from urushi.errors import MaterialError, UnsupportedStack, UrushiError
 from urushi.optics.vectors import channels, total
 from urushi.solvers import SOLVERS
-from urushi.solvers.adding import MOST_ORDERS, reasons_against
+from urushi.solvers.adding import MOST_ORDERS, media_method, reasons_against
 from urushi.solvers.adding.build import bind_numbers
 from urushi.solvers.adding.core import AddingCore, Prepared
 from urushi.solvers.adding.corners import Corners, hats
@@ -40,11 +40,11 @@ _solved: OrderedDict[tuple[Any, ...], Prepared] = OrderedDict()
 class Adding:
     """Tables, evaluated with the closed forms of the place added; no derivatives.
 
-    Besides the layers it takes `accuracy` (1e-3), `nodes` and `orders` (as many as that needs), and `corners`, the
-    values that a textured parameter is solved for (5).
+    Besides the layers it takes `accuracy` (1e-3), `nodes` and `orders` (as many as that needs), `media` ("ordinates"),
+    and `corners`, the values that a textured parameter is solved for (5).
     """
 
-    OPTIONS = ("accuracy", "nodes", "orders", "corners")
+    OPTIONS = ("accuracy", "nodes", "orders", "media", "corners")
 
     def __init__(self, mi: Any, stack: Stack, surface: Surface, props: Any) -> None:
         self.mi, self.stack, self.surface = mi, stack, surface
@@ -56,6 +56,10 @@ class Adding:
             )
         self.nodes = whole(props, "nodes", 0, 0, 1000)
         self.orders = whole(props, "orders", 0, 0, MOST_ORDERS)
+        try:
+            self.media = media_method(props.get("media", None))
+        except UrushiError as error:
+            raise MaterialError(str(error).removeprefix("media: "), where=f"{where}.media") from None
         self.corners = whole(props, "corners", 5, 2, 33)
         tilted = [name for name in surface.parameters if is_vector(name)]
         if tilted:
@@ -112,10 +116,12 @@ class Adding:
         ]
 
     def _prepared(self, stack: Stack) -> Prepared:
-        key = repr(stack.replace({"name": "", "description": ""})), self.accuracy, self.nodes, self.orders
+        nameless = stack.replace({"name": "", "description": ""})
+        key = repr(nameless), self.accuracy, self.nodes, self.orders, self.media
         if key not in _solved:
             bound, _ = bind_numbers(stack)
-            found = solution(stack, self.accuracy, self.nodes or None, orders=self.orders or None)
+            orders = self.orders or None
+            found = solution(stack, self.accuracy, self.nodes or None, orders=orders, media=self.media)
             _solved[key] = Prepared(found, bound)
             while len(_solved) > KEPT:
                 _solved.popitem(last=False)

@@ -13,6 +13,7 @@
     accuracy       float             adding: error allowed (1e-3)
     nodes          int               adding: nodes in each panel of directions (0: as many as that needs)
     orders         int               adding: azimuthal orders (0: as many as that needs)
+    media          string            adding: how media are solved, ``ordinates``, ``doubling`` or ``riccati``
     corners        int               adding: values that a textured parameter is solved for (5)
     published      bool              lobes: as the paper of 2018 has them (false)
     symmetric      bool              lobes: the reciprocal form (false)

@@ -25,7 +25,7 @@ from urushi.solvers.adding.spectrum import Spectrum
 from urushi.stack import Stack
 
 from . import header as headers
-from .packing import FREE, MOST, Known, most_numbers, pack, shapes, unpack
+from .packing import FREE, LEAST, MOST, Known, most_numbers, pack, shapes, unpack
 
 ENDING = ".urushi.npz"
 #: what is in the data one after another, and the type of its numbers
@@ -44,8 +44,8 @@ def save(bsdf: AddingBSDF | ChannelsBSDF, path: str | os.PathLike[str], *, error
         bsdf: what `solve(stack, "adding")` gave, of any number of channels.
         path: a name ending in ``.urushi.npz``; an existing file is replaced once the new one is complete.
         error: what the file may add to the error of the BSDF, relative to its peak for the same angle of incidence,
-            1e-7 to 0.1; by default what the solution left of the accuracy asked for, but a tenth of that at least, and
-            half of it at most.
+            1e-7 (no file in single precision knows better) to 0.1; by default what the solution left of the accuracy
+            asked for, but a tenth of that at least, and half of it at most.
 
     Returns:
         The size in bytes.
@@ -57,7 +57,7 @@ def save(bsdf: AddingBSDF | ChannelsBSDF, path: str | os.PathLike[str], *, error
     try:
         if not isinstance(bsdf, AddingBSDF | ChannelsBSDF):
             raise MaterialError(f"found a {type(bsdf).__name__}; allowed: what solve(stack, 'adding') gives")
-        if not name.endswith(ENDING):
+        if not name.lower().endswith(ENDING):
             raise MaterialError(f"found another ending; allowed: {ENDING}")
         content = packed(_described(bsdf), bsdf.solution, spare(bsdf) if error is None else error)
         replace(Path(os.path.realpath(os.fsdecode(path))), content)
@@ -75,7 +75,7 @@ def spare(bsdf: AddingBSDF | ChannelsBSDF) -> float:
     accuracy = float(bsdf.solution.diagnostics.get("accuracy", 1e-3))
     left = accuracy - float(bsdf.solution.diagnostics.get("estimated_error", accuracy))
     digits = f"{min(max(left, 0.1 * accuracy), 0.5 * accuracy, MOST):.9e}"
-    return float(digits[:3] + digits[-4:])  # rounded down to two of them
+    return max(float(digits[:3] + digits[-4:]), LEAST)  # rounded down to two of them
 
 
 def load(path: str | os.PathLike[str], **options: Any) -> AddingBSDF | ChannelsBSDF:
