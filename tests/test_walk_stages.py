@@ -32,11 +32,12 @@ def packed(monkeypatch: pytest.MonkeyPatch) -> Iterator[list[int]]:
 
     def noted(*args: Any) -> Any:
         found = pack(*args)
-        left.append(found[0])
+        left.append(int(found[0].sum()))
         return found
 
     monkeypatch.setattr(stages, "_pack", noted)
     monkeypatch.setattr(stages, "MANY", 32)
+    monkeypatch.setattr(stages, "SEGMENT", 256)
     yield left
 
 

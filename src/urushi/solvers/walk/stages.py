@@ -12,6 +12,7 @@ from collections.abc import Callable, Iterator
 from typing import Any
 
 import drjit as dr
+import numpy as np
 
 from ...optics.random import Generator
 from ...optics.vectors import Array, Vector, float_type, module_of
@@ -22,8 +23,13 @@ TURNS = 2
 MANY = 1 << 18
 #: numbers that are stored side by side at once
 PACKET = 8
+#: paths, a power of two, that are packed among themselves: as many as Dr.Jit gives a thread at once, so that threads
+#: neither count in the same place nor write next to one another, which would take longer than the walk
+SEGMENT = 1 << 14
 #: rows, a power of two, in which paths that have ended leave what nobody reads: stores without a mask need no branches
 SPARE = 1024
+#: lanes in a row that read one segment, a power of two; the last of them may read nothing
+CHUNK = 16
 
 
 def may_stage(*directions: Vector) -> bool:
@@ -54,21 +60,24 @@ def in_stages(
     """
     module, lanes = module_of(state["d"]), dr.width(state["d"])
     index = dr.arange(module.UInt, lanes)
-    result = None
+    valid, result = module.Bool(True), None
     while _many(lanes):
         for _ in range(TURNS):
             state = turn(state, fixed)
         if result is None:
             result = state["light"]
         else:
-            dr.scatter(result, state["light"], index)
+            dr.scatter(result, state["light"], index, valid)
         paths = (state, fixed, index)
-        lanes, packets = _pack(module, lanes, going(state), _words(paths, module), result)
-        if lanes == 0:
+        counts, packets = _pack(module, lanes, going(state) & valid, _words(paths, module), result)
+        if not counts.any():
             return result
-        state, fixed, index = _filled(paths, _unpack(module, lanes, packets))
+        row, valid = _rows(module, counts)
+        lanes = dr.width(row)
+        state, fixed, index = _filled(paths, _unpack(module, row, packets))
+        state["throughput"] = dr.select(valid, state["throughput"], 0)
     (state,) = dr.while_loop((state,), going, lambda s: (turn(dict(s), fixed),), label="walk")
-    dr.scatter(result, state["light"], index)
+    dr.scatter(result, state["light"], index, valid)
     return result
 
 
@@ -78,30 +87,40 @@ def _many(lanes: int) -> bool:
 
 def _pack(
     module: Any, lanes: int, alive: Array, words: list[Array], result: Array
-) -> tuple[int, list[tuple[Array, int]]]:
-    """Store the words of the lanes `alive` next to one another, and evaluate `result` in the same launch.
+) -> tuple[np.ndarray, list[tuple[Array, int]]]:
+    """Store the words of the lanes `alive` at the front of their segments, and evaluate `result` in the same launch.
 
     Returns:
-        how many there are, and buffers with the number of words of each in them.
+        how many there are in each segment, and buffers with the number of words of each in them.
     """
     words = words + [module.Float(0)] * (-len(words) % (PACKET // 2))
     groups = [words[i : i + PACKET] for i in range(0, len(words), PACKET)]
     packets = [dr.empty(module.Float, (lanes + SPARE) * len(group)) for group in groups]
-    counter = dr.zeros(module.UInt, 1)
+    counter = dr.zeros(module.UInt, CHUNK * -(-lanes // SEGMENT))  # a cache line each
     dr.eval(counter, packets)
     lane = dr.arange(module.UInt, lanes)
     spare = lanes + ((lane >> 10) & (SPARE - 16)) + (lane & 15)  # few, and for every thread its own
-    row = dr.select(alive, dr.scatter_inc(counter, module.UInt(0), alive), spare)
+    segment = lane // SEGMENT
+    row = dr.select(alive, segment * SEGMENT + dr.scatter_inc(counter, segment * CHUNK, alive), spare)
     for packet, group in zip(packets, groups, strict=True):
         dr.scatter(packet, module.ArrayXf(group), row)
     dr.eval(result, counter, packets)
-    return int(counter[0]), list(zip(packets, map(len, groups), strict=True))
+    return np.array(counter)[::CHUNK], list(zip(packets, map(len, groups), strict=True))
 
 
-def _unpack(module: Any, lanes: int, packets: list[tuple[Array, int]]) -> Iterator[Array]:
-    lane = dr.arange(module.UInt, lanes)
+def _rows(module: Any, counts: np.ndarray) -> tuple[Array, Array]:
+    """The row that each lane of the next launch reads, and whether there is one for it, from what segments hold."""
+    chunks = -(-counts.astype(np.int64) // CHUNK)
+    first = np.cumsum(chunks) - chunks
+    shift = np.repeat(np.arange(len(counts)) * SEGMENT - CHUNK * first, chunks)
+    lane = dr.arange(module.UInt, CHUNK * len(shift))
+    row = lane + dr.gather(module.UInt, module.UInt(shift.astype(np.uint32)), lane // CHUNK)
+    return row, (row & (SEGMENT - 1)) < dr.gather(module.UInt, module.UInt(counts), row // SEGMENT)
+
+
+def _unpack(module: Any, row: Array, packets: list[tuple[Array, int]]) -> Iterator[Array]:
     for packet, size in packets:
-        yield from dr.gather(module.ArrayXf, packet, lane, shape=(size, lanes))
+        yield from dr.gather(module.ArrayXf, packet, row, shape=(size, dr.width(row)))
 
 
 def _words(tree: Any, module: Any) -> list[Array]:
