@@ -2,7 +2,11 @@
 
 from __future__ import annotations
 
+import importlib
 import os
+from collections.abc import Callable
+from pathlib import Path
+from types import ModuleType
 
 import numpy as np
 import pytest
@@ -10,6 +14,9 @@ import pytest
 # Before anything imports Dr.Jit, which takes the first LLVM it finds at that moment.
 from urushi import llvm
 from urushi.errors import UrushiError
+
+#: what the fixture `tool` is
+Tool = Callable[[str], ModuleType]
 
 SEED = 20240731
 """Where all random numbers of the suite start. It is never changed to make a test pass."""
@@ -40,6 +47,13 @@ def seed() -> int:
 def rng() -> np.random.Generator:
     """A generator that starts anew, from the suite's seed, in every test that asks for it."""
     return np.random.default_rng(SEED)
+
+
+@pytest.fixture
+def tool(monkeypatch: pytest.MonkeyPatch) -> Tool:
+    """Imports a module of the folder tools, by its name; while the test runs, they find one another."""
+    monkeypatch.syspath_prepend(str(Path(__file__).parents[1] / "tools"))
+    return importlib.import_module
 
 
 @pytest.fixture

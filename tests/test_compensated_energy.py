@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 import itertools
-import sys
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 
+from conftest import Tool
 from lanes import DOUBLE, SINGLE, back, direction, needs_llvm
 from test_compensated import glass, mirror
 from test_interface_energy import COSINES, REFLECTED
@@ -146,25 +145,16 @@ def test_nodes_lie_where_their_coordinates_say() -> None:
     assert np.allclose(back(tables.of_ratio(ratios, DOUBLE(1))), np.linspace(0, 1, 9), atol=1e-6)
 
 
-def _tool() -> Any:
-    sys.path.insert(0, str(Path(__file__).parents[1] / "tools"))
-    try:
-        import make_energy_tables
-    finally:
-        sys.path.pop(0)
-    return make_energy_tables
-
-
-def test_tables_are_what_their_tool_makes(rng: np.random.Generator) -> None:
+def test_tables_are_what_their_tool_makes(tool: Tool, rng: np.random.Generator) -> None:
     """A few nodes of each, anew."""
-    tool = _tool()
-    for kind, axes in tool.AXES.items():
+    maker = tool("make_energy_tables")
+    for kind, axes in maker.AXES.items():
         named = axes()
         arrays = np.broadcast_arrays(*named.values())
         at = tuple(rng.integers(0, n, 24) for n in arrays[0].shape)
         chosen = {name: array[at] for name, array in zip(named, arrays, strict=True)}
         for distribution in ("ggx", "beckmann"):
-            found = tool.missing(distribution, 21, **chosen)
+            found = maker.missing(distribution, 21, **chosen)
             for masking, lost in found.items():
                 table = tables.energies(kind, f"{distribution}_{masking}")
                 assert table.shape == arrays[0].shape
@@ -179,21 +169,21 @@ SHIPPED = [pytest.param(*m, marks=() if m == MODELS[0] else pytest.mark.slow) fo
 
 @pytest.mark.parametrize(("distribution", "masking"), SHIPPED)
 def test_means_and_shares_are_what_their_tool_makes(
-    distribution: str, masking: str, rng: np.random.Generator
+    distribution: str, masking: str, tool: Tool, rng: np.random.Generator
 ) -> None:
     """The same random numbers make them: what differs is the rounding of the file, 5e-4 of a mean, and of machines."""
-    tool, model = _tool(), (distribution, masking)
+    maker, model = tool("make_energy_tables"), (distribution, masking)
     with np.load(tables.DATA / "brushed_means.npz") as file:
         means = file["_".join(model)]
     roughness, ratio = tables.brushed_roughnesses(means.shape[2]), tables.ratios(means.shape[3])
     for j, k in zip(rng.integers(1, len(roughness), 4), rng.integers(0, len(ratio), 4), strict=True):
-        found = tool.brushed_mean(model, float(roughness[j]), float(ratio[k]))
+        found = maker.brushed_mean(model, float(roughness[j]), float(ratio[k]))
         assert np.allclose(means[..., j, k], found, rtol=1e-3, atol=1e-5)
     shares = tables.shares("_".join(model))
     indices = tables.indices(2 * tables.SHARE_INDICES - 1)[tables.SHARE_INDICES - 1 :]
     roughness = tables.roughnesses(tables.SHARE_ROUGHNESSES)
     for i, j in zip(rng.integers(1, len(indices), 4), rng.integers(1, len(roughness), 4), strict=True):
-        share = tool.share(model, float(roughness[j]), float(indices[i]))
+        share = maker.share(model, float(roughness[j]), float(indices[i]))
         assert shares[i, j] == pytest.approx(min(share, 1), abs=2e-3)
 
 

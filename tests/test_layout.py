@@ -221,12 +221,8 @@ def test_the_version_is_the_same_everywhere():
     assert f'version = "{urushi.__version__}"' in (ROOT / "pyproject.toml").read_text("utf-8")
 
 
-def test_links_lead_somewhere_and_a_broken_one_is_noticed(tmp_path):
-    sys.path.insert(0, str(ROOT / "tools"))
-    try:
-        import check_links
-    finally:
-        sys.path.pop(0)
+def test_links_lead_somewhere_and_a_broken_one_is_noticed(tool, tmp_path):
+    check_links = tool("check_links")
     assert check_links.main() == 0
     page = tmp_path / "page.md"
     page.write_text("# A `b` c\n[x](other.md) [y](#a-b-c) [z](#d) `[code](no.md)` [web](ftp://nowhere)\n")

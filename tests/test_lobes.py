@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import pytest
 
 import urushi as ur
 from lanes import needs_llvm
+from slopes import slopes
 from urushi.solvers import lobes
 
 pytestmark = needs_llvm
@@ -155,9 +158,6 @@ def test_every_preset(name: str) -> None:
         assert report.passed, report.text
 
 
-# --- derivatives and types --------------------------------------------------------------------------------------------
-
-
 def test_what_claims_to_be_reciprocal() -> None:
     """The check of reciprocity judges the symmetric form, and tells of the other."""
     from urushi.checks import reciprocity
@@ -168,6 +168,9 @@ def test_what_claims_to_be_reciprocal() -> None:
     assert lobes.solve(ur.Stack(layers=stack.layers[:1])).diagnostics["reciprocal"]
     assert reciprocity.check(lambda _: symmetric, True).passed
     assert "does not claim" in reciprocity.check(lambda _: forward, True).text
+
+
+# --- derivatives and types --------------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize(
@@ -183,8 +186,7 @@ def test_what_claims_to_be_reciprocal() -> None:
     ],
 )
 def test_derivatives(name: str, value: float, half: float) -> None:
-    import drjit as dr
-    from drjit.llvm.ad import Array3f64, Float64
+    from drjit.llvm.ad import Array3f64
 
     stack = ur.Stack(
         layers=[
@@ -195,17 +197,12 @@ def test_derivatives(name: str, value: float, half: float) -> None:
     )
     wi, wo = Array3f64(0.6, 0, 0.8), Array3f64(-0.5, 0.2, 0.71**0.5)
 
-    def values(x: Float64) -> tuple:
+    def values(x: Any) -> tuple:
         bsdf = lobes.solve(stack, parameters={name: x}, precision="double")
         return bsdf.eval(wi, wo).x, bsdf.reflectance(wi).x
 
-    ends = [[v[0] for v in values(Float64(value + step))] for step in (half, -half)]
-    for k in range(2):
-        x = Float64(value)
-        dr.enable_grad(x)
-        dr.backward(values(x)[k])
-        slope = (ends[0][k] - ends[1][k]) / (2 * half)
-        assert dr.grad(x)[0] == pytest.approx(slope, rel=2e-3, abs=1e-5)
+    for found, difference in slopes(values, value, half):
+        assert found == pytest.approx(difference, rel=2e-3, abs=1e-5)
 
 
 def test_scalar_backend_and_values_per_lane(rng: np.random.Generator) -> None:

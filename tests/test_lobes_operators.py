@@ -2,17 +2,15 @@
 
 from __future__ import annotations
 
-import sys
 from pathlib import Path
 
 import numpy as np
 import pytest
 
+from conftest import Tool
 from lanes import needs_llvm
 
 pytestmark = needs_llvm
-
-TOOLS = Path(__file__).parents[1] / "tools"
 
 
 def _lane(value: float):
@@ -169,13 +167,9 @@ def test_tables_hold_what_interfaces_do(inside: bool, rng: np.random.Generator) 
     assert worst < (0.012 if inside else 0.004)
 
 
-def test_a_sample_of_the_tables_is_made_anew() -> None:
+def test_a_sample_of_the_tables_is_made_anew(tool: Tool) -> None:
     """The generator gives what is shipped, for one index ratio, roughness and side."""
-    sys.path.insert(0, str(TOOLS))
-    try:
-        import make_lobe_tables as maker
-    finally:
-        sys.path.pop(0)
+    maker = tool("make_lobe_tables")
     from urushi.solvers.lobes import axes, tables
 
     side, k, a = 1, 7, 4
@@ -193,15 +187,9 @@ def test_a_sample_of_the_tables_is_made_anew() -> None:
     np.testing.assert_allclose(shipped[seen, 2], through[seen], atol=2e-2)
 
 
-def test_a_sample_of_what_goes_back_and_forth_is_made_anew() -> None:
+def test_a_sample_of_what_goes_back_and_forth_is_made_anew(tool: Tool) -> None:
     """Round trips, widths and sheets, for one index ratio and few roughnesses."""
-    sys.path.insert(0, str(TOOLS))
-    try:
-        import lobe_round_trips
-        import lobe_sheets
-        import lobe_widths
-    finally:
-        sys.path.pop(0)
+    lobe_round_trips, lobe_sheets, lobe_widths = map(tool, ("lobe_round_trips", "lobe_sheets", "lobe_widths"))
     from urushi.solvers.lobes import axes, tables
 
     data = Path(tables.__file__).parent / "data"
@@ -222,12 +210,8 @@ def test_a_sample_of_what_goes_back_and_forth_is_made_anew() -> None:
     np.testing.assert_allclose(shipped[5][np.ix_(w, w)], lobe_sheets.sheet(eta, widths, cos), atol=2e-3)
 
 
-def test_a_sample_of_what_layers_make_of_diffuse_light_is_made_anew() -> None:
-    sys.path.insert(0, str(TOOLS))
-    try:
-        import lobe_mixing
-    finally:
-        sys.path.pop(0)
+def test_a_sample_of_what_layers_make_of_diffuse_light_is_made_anew(tool: Tool) -> None:
+    lobe_mixing = tool("lobe_mixing")
     from urushi.solvers.lobes import axes, tables
 
     data = Path(tables.__file__).parent / "data"

@@ -2,18 +2,17 @@
 
 from __future__ import annotations
 
-import sys
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 import urushi as ur
+from conftest import Tool
 from lanes import needs_llvm
 
 pytestmark = needs_llvm
 
-TOOLS = Path(__file__).parents[1] / "tools"
 ANGLES = np.linspace(-1.55, 1.55, 241)
 
 
@@ -120,12 +119,8 @@ def test_derivatives_are_finite(theta: float) -> None:
     assert np.isfinite(np.array(dr.grad(alpha))).all() and abs(np.array(dr.grad(alpha))[0]) > 0
 
 
-def test_a_sample_of_the_table_is_made_anew() -> None:
-    sys.path.insert(0, str(TOOLS))
-    try:
-        import lobe_exits
-    finally:
-        sys.path.pop(0)
+def test_a_sample_of_the_table_is_made_anew(tool: Tool) -> None:
+    lobe_exits = tool("lobe_exits")
     from urushi.solvers.lobes import axes, tables
 
     with np.load(Path(tables.__file__).parent / "data" / "exits.npz") as file:

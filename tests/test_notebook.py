@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import copy
 import json
-import sys
 from pathlib import Path
 
 import pytest
@@ -14,15 +13,10 @@ from lanes import needs_llvm
 ROOT = Path(__file__).resolve().parent.parent
 
 
-@pytest.fixture(scope="module")
-def runner():
+@pytest.fixture
+def runner(tool):
     """tools/run_notebook.py."""
-    sys.path.insert(0, str(ROOT / "tools"))
-    try:
-        import run_notebook
-    finally:
-        sys.path.pop(0)
-    return run_notebook
+    return tool("run_notebook")
 
 
 def kinds(cell: dict) -> list[list[str]]:

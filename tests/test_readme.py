@@ -93,7 +93,7 @@ def test_every_command_is_in_the_overview():
         assert f"`urushi {command.name}" in text
 
 
-def test_the_tables_are_current():
+def test_the_tables_are_current(tool):
     """And one that is not is noticed."""
     done = subprocess.run(
         [sys.executable, "tools/make_docs.py", "--check"],
@@ -103,11 +103,7 @@ def test_the_tables_are_current():
         text=True,
     )
     assert done.returncode == 0, done.stdout + done.stderr
-    sys.path.insert(0, str(ROOT / "tools"))
-    try:
-        import make_docs
-    finally:
-        sys.path.pop(0)
+    make_docs = tool("make_docs")
     page = "<!-- table: diffuse -->\n| old |\n<!-- end -->\n"
     assert "reflectance" in make_docs.current(page) and "old" not in make_docs.current(page)
 
