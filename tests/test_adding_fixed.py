@@ -136,7 +136,7 @@ def test_a_colour_that_meets_no_medium_passes_the_slab():
 
 
 def test_an_unknown_way_of_solving_media_is_refused():
-    with pytest.raises(UrushiError, match=r"media: found 'dubling'; allowed: .*; did you mean 'doubling'\?"):
+    with pytest.raises(UrushiError, match=r"media: found 'dubling'; did you mean 'doubling'\? allowed: "):
         ur.solve(SLAB, "adding", media="dubling")
     with pytest.raises(UrushiError, match=r"media: found 3; allowed: ordinates, doubling, riccati$"):
         ur.solve(SLAB, "adding", media=3)
@@ -154,9 +154,7 @@ def test_the_plugin_takes_media(mi, tmp_path, monkeypatch):
     assert not asked
     layered(mi, **options, media="doubling")
     assert asked  # and nothing that was solved otherwise was taken for it
-    with pytest.raises(
-        Exception, match=r"layered\.media: found 'dubling'; allowed: .*did you mean 'doubling'"
-    ):
+    with pytest.raises(Exception, match=r"layered\.media: found 'dubling'; did you mean 'doubling'"):
         layered(mi, **options, media="dubling")
     with pytest.raises(Exception, match=r"layered\.media: is no option of method 'walk'"):
         layered(mi, filename=options["filename"], media="doubling")

@@ -81,9 +81,9 @@ def test_options_arrive(run, monkeypatch):
     [
         (
             ["varnish.yaml", "--kind", "pollar"],
-            "--kind is 'pollar'; allowed: polar, hemisphere, lobe3d, slice,",
+            "--kind is 'pollar'; did you mean 'polar'? allowed: polar, hemisphere, lobe3d, slice,",
         ),
-        (["varnish.yaml", "--kind", "pollar"], "did you mean polar?"),
+        (["varnish.yaml", "--kind", "pollar"], "did you mean 'polar'?"),
         (["varnish.yaml", "-m", "wlak"], "--method is 'wlak'"),
         (["varnish.yaml", "--theta", "95"], "--theta is 95; allowed: 0 to 89.5"),
         (

@@ -6,7 +6,8 @@ without opening the source.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import difflib
+from collections.abc import Iterable, Sequence
 
 
 class UrushiError(Exception):
@@ -44,3 +45,12 @@ class UnsupportedStack(UrushiError):
         self.alternatives = tuple(alternatives)
         able = f"; methods that can: {', '.join(self.alternatives)}" if self.alternatives else ""
         super().__init__(f"method {method!r} cannot do this stack: {'; '.join(self.reasons)}{able}")
+
+
+def close(found: object, names: Iterable[str]) -> str:
+    """``did you mean 'alpha'? `` for a near miss, else nothing: for a message, before what is allowed."""
+    known = {name.lower(): name for name in names}
+    near = difflib.get_close_matches(str(found).lower(), known, n=3, cutoff=0.6)
+    if not near:
+        return ""
+    return f"did you mean {' or '.join(repr(known[name]) for name in near)}? "

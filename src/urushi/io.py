@@ -9,12 +9,12 @@ import tempfile
 from pathlib import Path
 from typing import Any
 
-from urushi.description.base import Data, close, shown
+from urushi.description.base import Data, shown
 from urushi.description.parameter import Texture
 from urushi.description.reading import Node, line_of, parse
 from urushi.description.schema import VERSION, file_schema
 from urushi.description.writing import json_text, yaml_text
-from urushi.errors import MaterialError
+from urushi.errors import MaterialError, close
 from urushi.stack import Stack
 
 _FORMS = {".yaml": "yaml", ".yml": "yaml", ".json": "json"}

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 from rich.console import Console
 
-from urushi.errors import MaterialError, UrushiError
+from urushi.errors import MaterialError, UrushiError, close
 
 if TYPE_CHECKING:
     from urushi.stack import Stack
@@ -50,7 +50,10 @@ def load(material: str) -> Stack:
 
     if material.startswith("preset:"):
         if (name := material.removeprefix("preset:")) not in urushi.presets():
-            raise WrongUsage(f"there is no preset {name!r}; there are: {', '.join(urushi.presets())}")
+            names = urushi.presets()
+            raise WrongUsage(
+                f"there is no preset {name!r}; {close(name, names)}there are: {', '.join(names)}"
+            )
     elif not Path(material).is_file():
         hint = f"; the preset of that name is preset:{material}" if material in urushi.presets() else ""
         raise WrongUsage(f"there is no material file {material!r}{hint}")
@@ -116,7 +119,8 @@ def known_method(method: str) -> None:
     from urushi.solvers import SOLVERS
 
     if method not in (*SOLVERS, "auto"):
-        raise WrongUsage(f"--method is {method!r}; allowed: {', '.join([*SOLVERS, 'auto'])}")
+        names = [*SOLVERS, "auto"]
+        raise WrongUsage(f"--method is {method!r}; {close(method, names)}allowed: {', '.join(names)}")
 
 
 def adding_options(

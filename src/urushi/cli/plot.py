@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import difflib
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -11,6 +10,7 @@ import typer
 
 from urushi.cli import backend, common, progress
 from urushi.cli.common import WrongUsage
+from urushi.errors import close
 
 FORMATS = (".png", ".svg", ".pdf")
 
@@ -71,9 +71,7 @@ def command(
 ) -> None:
     """Draw figures of one material or several."""
     if kind not in KINDS:
-        near = difflib.get_close_matches(kind, KINDS, n=1)
-        hint = f"; did you mean {near[0]}?" if near else ""
-        raise WrongUsage(f"--kind is {kind!r}; allowed: {', '.join(KINDS)}{hint}")
+        raise WrongUsage(f"--kind is {kind!r}; {close(kind, KINDS)}allowed: {', '.join(KINDS)}")
     for name in method:
         common.known_method(name)
     if not 20 <= dpi <= 1200:

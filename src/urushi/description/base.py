@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
-import difflib
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, ClassVar
 
 from pydantic import BaseModel, ConfigDict, model_validator
 from pydantic_core import core_schema
 
-from urushi.errors import MaterialError
+from urushi.errors import MaterialError, close
 
 Data = Any
 """Plain data, as YAML and JSON know it: None, bool, int, float, str, list, dict with text keys."""
@@ -29,15 +28,6 @@ def shown(value: object) -> str:
     if isinstance(value, bool):
         return f"{text} (a truth value)"
     return f"{text} (text)" if isinstance(value, str) else text
-
-
-def close(found: object, names: Iterable[str]) -> str:
-    """``did you mean 'alpha'? `` for a near miss, else nothing."""
-    known = {name.lower(): name for name in names}
-    near = difflib.get_close_matches(str(found).lower(), known, n=3, cutoff=0.6)
-    if not near:
-        return ""
-    return f"did you mean {' or '.join(repr(known[name]) for name in near)}? "
 
 
 def inside(error: MaterialError, place: str) -> MaterialError:

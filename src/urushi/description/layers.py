@@ -5,10 +5,10 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Annotated, Any, ClassVar, Literal
 
-from urushi.description.base import Choice, Description, Registered, Rule, close, shown
+from urushi.description.base import Choice, Description, Registered, Rule, shown
 from urushi.description.parameter import Covariance, Normal, Parameter, Roughness, Texture, scaled
 from urushi.description.phases import PHASES, Isotropic, Phase
-from urushi.errors import MaterialError
+from urushi.errors import MaterialError, close
 
 # The fields that every microfacet interface has. -------------------------------------------------------------------
 

@@ -11,13 +11,12 @@ The index is ``eta - i k``: k > 0 absorbs. It is absolute (relative to vacuum).
 from __future__ import annotations
 
 import csv
-import difflib
 import functools
 from importlib.machinery import PathFinder
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from urushi.errors import MaterialError
+from urushi.errors import MaterialError, close
 
 if TYPE_CHECKING:
     import numpy as np
@@ -88,10 +87,8 @@ def conductor_index(name: str, wavelengths_nm: ArrayLike) -> tuple[NDArray[np.fl
 def _check(name: str) -> None:
     names = conductor_names()
     if name not in names:
-        near = difflib.get_close_matches(str(name), names, n=3)
-        hint = f"did you mean {' or '.join(near)}? " if near else ""
         raise MaterialError(
-            f"unknown conductor {name!r}; {hint}allowed: {', '.join(names)}", where="material"
+            f"unknown conductor {name!r}; {close(name, names)}allowed: {', '.join(names)}", where="material"
         )
 
 

@@ -14,13 +14,12 @@ A solver takes a `Stack` and gives a `BSDF` with ``eval``, ``pdf``, ``sample``, 
 
 from __future__ import annotations
 
-import difflib
 import importlib
 import os
 from collections.abc import Sequence
 from typing import Any, NoReturn
 
-from urushi.errors import UnsupportedStack, UrushiError
+from urushi.errors import UnsupportedStack, UrushiError, close
 from urushi.stack import Stack
 
 from .auto import choose
@@ -69,9 +68,8 @@ def solve(stack: Stack | str | os.PathLike[str], method: str = "auto", **options
         found.diagnostics["auto"] = choice.said()
         return found
     if method not in SOLVERS:
-        near = difflib.get_close_matches(str(method), [*SOLVERS, "auto"], n=1)
-        hint = f"; did you mean {near[0]!r}?" if near else ""
-        raise UrushiError(f"method: found {method!r}; allowed: {', '.join([*SOLVERS, 'auto'])}{hint}")
+        names = [*SOLVERS, "auto"]
+        raise UrushiError(f"method: found {method!r}; {close(method, names)}allowed: {', '.join(names)}")
     _check_options(method, options)
     try:
         return _module(method).solve(stack, **options)
@@ -110,9 +108,8 @@ def _check_options(method: str, options: dict[str, Any]) -> None:
 
 
 def _refuse(name: str, method: str, allowed: Sequence[str]) -> NoReturn:
-    near = difflib.get_close_matches(name, allowed, n=1)
-    hint = f"; did you mean {near[0]!r}?" if near else ""
-    raise UrushiError(f"unknown option {name!r} of method {method!r}; allowed: {', '.join(allowed)}{hint}")
+    near = close(name, allowed)
+    raise UrushiError(f"unknown option {name!r} of method {method!r}; {near}allowed: {', '.join(allowed)}")
 
 
 def _module(method: str) -> Any:

@@ -28,8 +28,7 @@ import drjit as dr
 from urushi.adapters.fourier import FourierTable, blended, read_fourier
 from urushi.adapters.fourier.build import GREEN
 from urushi.adapters.fourier.prepared import tabulated
-from urushi.description.base import close
-from urushi.errors import MaterialError
+from urushi.errors import MaterialError, close
 
 
 def register(mi: Any) -> None:

@@ -16,14 +16,13 @@ Sources: Stokes 1862; van de Hulst 1963; Grant & Hunt 1969; Stam 2001; Jakob et 
 
 from __future__ import annotations
 
-import difflib
 import sys
 from collections.abc import Mapping, Sequence
 from numbers import Integral
 from typing import Any
 
 from urushi import llvm
-from urushi.errors import UnsupportedStack, UrushiError
+from urushi.errors import UnsupportedStack, UrushiError, close
 from urushi.stack import Stack, Texture
 
 #: what `solve` takes besides the stack
@@ -146,7 +145,5 @@ def media_method(name: Any) -> Any:
     if name is None:
         return METHODS[0]
     if name not in METHODS:
-        near = difflib.get_close_matches(str(name), METHODS, n=1)
-        hint = f"; did you mean {near[0]!r}?" if near else ""
-        raise UrushiError(f"media: found {name!r}; allowed: {', '.join(METHODS)}{hint}")
+        raise UrushiError(f"media: found {name!r}; {close(name, METHODS)}allowed: {', '.join(METHODS)}")
     return name
