@@ -17,6 +17,7 @@ from urushi.solvers.bound import bind
 from urushi.solvers.lobes import reasons_against
 from urushi.solvers.lobes.angular import Side, tabulate
 from urushi.solvers.lobes.core import LobesCore
+from urushi.solvers.lobes.energies import Energies
 from urushi.stack import Stack
 
 from .methods import is_radiance
@@ -39,7 +40,9 @@ class Lobes:
 
     def at(self, ctx: Any, si: Any, active: Any) -> LobesHere:
         values = self.surface.at(si, active)
-        return LobesHere(self._core(values, is_radiance(self.mi, ctx), {} if _live(values) else self._tables))
+        core = self._core(values, is_radiance(self.mi, ctx), {} if _live(values) else self._tables)
+        core.energies = None if _live(values) else self._energies
+        return LobesHere(core)
 
     def said(self) -> dict[str, Any]:
         return {"method": "lobes", "published": self.published, "symmetric": self.symmetric}
@@ -47,13 +50,18 @@ class Lobes:
     def changed(self) -> None:
         """The numbers are others: the tables are made anew, here, since code that is recorded can only use them."""
         self._tables: dict[bool, Side] = {}
+        self._energies: Energies | None = None
         mi, variant = self.mi, self.mi.variant()
         one_per_lane = self.surface.varies or ("spectral" in variant and self.surface.coloured)
-        if one_per_lane or mi.Float is float or "double" in variant:
+        if one_per_lane or mi.Float is float:
             return
         values = self.surface.at(dr.zeros(mi.SurfaceInteraction3f), True)
-        if not _live(values):
-            self._tables = tabulate(self._core(values, True, {}, uniform=True), mi.Vector3f)
+        if _live(values):
+            return
+        core = self._core(values, True, {}, uniform=True)
+        core.energies = self._energies = Energies.of(core)
+        if "double" not in variant:
+            self._tables = tabulate(core, mi.Vector3f)
 
     def _core(self, values: dict[str, Any], radiance: bool, tables: Any, uniform: bool = False) -> LobesCore:
         mi = self.mi

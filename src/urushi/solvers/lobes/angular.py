@@ -21,6 +21,7 @@ from ...interfaces.base import Frame
 from ...optics.vectors import Array, Vector, at_least, channels
 from ..arrays import padded
 from . import rows
+from .kernels import one
 from .lobe import NARROWEST, Lobe
 
 if TYPE_CHECKING:
@@ -76,7 +77,8 @@ class Side:
     @classmethod
     def of(cls, core: LobesCore, above: bool, vector: Any) -> Side | None:
         """None where no table of the size allowed is good enough."""
-        number, limit = dr.value_t(vector), _critical(core, above)
+        number, stack = dr.value_t(vector), core.stack
+        limit = rows.critical([one(index) for index in stack.indices], stack.opaque, above)
         cos = np.maximum(rows.cosines(2 * CELLS[-1] + 1, limit), 1e-6)
         columns = Columns(cos, number)
         z = columns.cos
@@ -261,14 +263,6 @@ class Columns:
         if energy:
             error = error * np.minimum(np.mean([values[e] for e in energy], axis=0) / FAINT, 1)
         return np.asarray(error / LIMITS[kind])
-
-
-def _critical(core: LobesCore, above: bool) -> float | None:
-    """The cosine beyond which the thinnest medium of a stack sees no light from this side, if there is one."""
-    indices = [float(np.ravel(np.array(n))[0]) for n in core.stack.indices]
-    inner = indices[:-1] if core.stack.opaque else indices
-    ratio = min(inner) / indices[0 if above else -1]
-    return float(np.sqrt(1 - ratio**2)) if ratio < 1 - 1e-4 else None
 
 
 def _empty(value: Array) -> Array:

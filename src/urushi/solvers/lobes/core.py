@@ -22,6 +22,7 @@ from .through import turned as turned_by
 
 if TYPE_CHECKING:
     from .angular import Side
+    from .energies import Energies
 
 #: share of the samples that every side with anything but delta parts gets as a cosine lobe
 FLOOR = 0.02
@@ -65,6 +66,7 @@ class LobesCore:
         published: as the paper and its code have it (`published`).
         uniform: whether no number of the stack varies from lane to lane, in a vectorised backend.
         tables: what `angular.tabulate` made of such a stack; the recursion is asked where it has nothing.
+        energies: what takes the place of the recursion's; None for these.
     """
 
     def __init__(
@@ -76,9 +78,11 @@ class LobesCore:
         published: bool = False,
         uniform: bool = False,
         tables: dict[bool, Side] | None = None,
+        energies: Energies | None = None,
     ) -> None:
         self.uniform = uniform
         self.tables = tables or {}
+        self.energies = energies
         #: the stack with its normals, None where all interfaces are parallel; `stack` has them parallel
         self.tilted = stack if stack.tilted else None
         if stack.tilted:
@@ -105,7 +109,8 @@ class LobesCore:
             from .published import respond as as_published
 
             return as_published(self.stack, wi, above)
-        return respond(self.stack, wi, above, scatters)
+        found = respond(self.stack, wi, above, scatters)
+        return found if self.energies is None else self.energies.put(found, dr.abs(wi.z), above)
 
     def find(self, wi: Vector, above: bool, towards: Vector | None = None) -> Found:
         """The lobes for light from wi.

@@ -114,6 +114,11 @@ def followed(bsdf: LobesBSDF, wi: np.ndarray, with_error: bool) -> Ledger:
         for above in core.sides:
             tally = Tally()
             answer = respond(core.stack, w, above, tally=tally)
+            if core.energies is not None:
+                cos = dr.abs(w.z)
+                answer = core.energies.put(answer, cos, above)
+                tally.kept, shadowed = core.energies.left(cos, above, core.spectrum(0))
+                tally.shadowed = {len(core.stack.interfaces) - 1: shadowed}
             up = sum((beam.energy for beam in answer.reflected), answer.diffuse)
             through = sum((beam.energy for beam in (answer.through, answer.delayed) if beam is not None), 0.0)
             new = [up, through + answer.beyond, sum(tally.shadowed.values(), 0.0)]

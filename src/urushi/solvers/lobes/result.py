@@ -21,6 +21,7 @@ from ..numbers import gather_numbers
 from ..smooth import has_delta, smooth_energy, straight
 from .angular import tabulate
 from .core import LobesCore
+from .energies import Energies
 from .operators import supports
 
 
@@ -102,6 +103,7 @@ class LobesBSDF(BSDF):
         self._module = backend_module(backend)
         self._cores: dict[tuple[str, bool], tuple[LobesCore, int]] = {}
         self._untabulated: set[tuple[str, bool]] = set()
+        self._energies: Energies | None = None
         core, self.lanes = self._core(self._module, self.double)
         if self._module.__name__ == "drjit.scalar" and self.lanes > 1:
             raise UrushiError("backend: 'scalar' takes one value per parameter, found one per evaluation")
@@ -114,6 +116,7 @@ class LobesBSDF(BSDF):
             "symmetric": symmetric,
             "reciprocal": core.tilted is None and (core.alone or (symmetric and core.stack.opaque)),
             "consistent_to": 0.02,  # energies are from tables, and values from lobes of that energy
+            "energies": "recursion" if core.energies is None else "direction by direction",
             "interfaces": len(core.stack.interfaces),
             "media": sum(medium is not None for medium in core.stack.media),
             "coloured": core.spectrum is not number_type(self._module, self.double),
@@ -269,8 +272,12 @@ class LobesBSDF(BSDF):
             if uniform:  # what is not computed yet may be given as many lanes as it is first used with
                 dr.eval([getattr(interface, "inv_eta", None) for interface in bound.interfaces])
             core = LobesCore(bound, spectrum, radiance, self.symmetric, self.published, uniform)
+            still = uniform and not any(dr.grad_enabled(v) for v in numbers.values.values())
+            if still and not self._cores:  # all others are of the same numbers
+                self._energies = Energies.of(core)
+            core.energies = self._energies if still else None
             self._cores[key] = core, numbers.lanes
-            if uniform and not double and not any(dr.grad_enabled(v) for v in numbers.values.values()):
+            if still and not double:
                 self._untabulated.add(key)
         return self._cores[key]
 

@@ -13,6 +13,7 @@ that lie together as one packet, so rows are made of packets; a short one has th
 from __future__ import annotations
 
 import sys
+from collections.abc import Sequence
 from typing import Any
 
 import drjit as dr
@@ -23,6 +24,19 @@ from ..arrays import padded
 
 #: numbers of one packet: with twice as many a vector processor runs out of registers
 PACKET = 8
+
+
+def critical(indices: Sequence[float], opaque: bool, above: bool) -> float | None:
+    """The cosine beyond which the thinnest medium of a stack sees no light from a side, if there is one.
+
+    Args:
+        indices: of all regions, top to bottom.
+        opaque: whether light gets into the last.
+        above: the side that the light comes from.
+    """
+    inner = indices[:-1] if opaque else indices
+    ratio = min(inner) / indices[0 if above else -1]
+    return float(np.sqrt(1 - ratio**2)) if ratio < 1 - 1e-4 else None
 
 
 def cosines(count: int, critical: float | None) -> np.ndarray:
