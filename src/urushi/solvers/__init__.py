@@ -16,7 +16,7 @@ from __future__ import annotations
 
 import importlib
 import os
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any, NoReturn
 
 from urushi.errors import UnsupportedStack, UrushiError, close
@@ -105,6 +105,11 @@ def _check_options(method: str, options: dict[str, Any]) -> None:
     for name in options:
         if name not in allowed:
             _refuse(name, method, allowed)
+    given = options.get("parameters")
+    if given is not None and not isinstance(given, Mapping):
+        raise UrushiError(
+            f"parameters: found {given!r:.60}; allowed: a mapping of names such as layer_0.alpha to values"
+        )
 
 
 def _refuse(name: str, method: str, allowed: Sequence[str]) -> NoReturn:

@@ -17,6 +17,8 @@ from ..optics.vectors import channels
 LANES = 1 << 20
 #: numbers that LLVM code reads at a time, at most
 PACKET = 64
+#: the row that is computed where there are none, for the shape of the results; they are cut off it
+NONE = np.array([[0.0, 0.0, 1.0]])
 
 
 def backend_module(name: str) -> Any:
@@ -78,6 +80,8 @@ def mapped(run: Any, inputs: tuple[np.ndarray, ...], module: Any, double: bool) 
         (N,) or (N, channels) for each.
     """
     n, vector = len(inputs[0]), vector_type(module, double)
+    if n == 0:
+        return [x[:0] for x in mapped(run, tuple(NONE for _ in inputs), module, double)]
     results: list[np.ndarray] = []
     if module.__name__ == "drjit.scalar":
         for i in range(n):

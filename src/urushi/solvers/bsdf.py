@@ -130,7 +130,7 @@ def random_numbers(value: Any, name: str = "u") -> np.ndarray:
 
 def same_count(first: np.ndarray, second: np.ndarray, names: str) -> tuple[np.ndarray, np.ndarray]:
     """Both with as many rows; a single row serves all of the other."""
-    n = max(len(first), len(second))
+    n = len(first) if len(second) == 1 else len(second)
     if len(first) not in (1, n) or len(second) not in (1, n):
         raise UrushiError(
             f"{names}: found {len(first)} and {len(second)} rows; allowed: as many of each, or one"

@@ -51,6 +51,21 @@ def described(stack: Stack) -> dict[str, Any]:
     return found
 
 
+def as_numbers(name: str, value: Any) -> np.ndarray:
+    """What is given for a parameter as numbers in double precision, of any shape.
+
+    Raises:
+        MaterialError: these are none.
+    """
+    try:
+        array = np.asarray(value, dtype=np.float64)
+    except (TypeError, ValueError):
+        raise MaterialError(f"found {value!r:.60}; allowed: numbers", where=name) from None
+    if array.size == 0:
+        raise MaterialError("found no values; allowed: at least one", where=name)
+    return array
+
+
 def is_vector(name: str) -> bool:
     """Whether a parameter is three numbers that are no colour."""
     return name.rsplit(".", 1)[-1] in VECTORS
@@ -139,8 +154,8 @@ def replaced(stack: Stack, given: Mapping[str, Any]) -> Stack:
     """
     changes: dict[str, Any] = {}
     for name, value in given.items():
-        array = np.asarray(value, dtype=np.float64)
-        if array.ndim > 1 or (array.ndim == 1 and array.size > 3):
+        array = as_numbers(name, value)
+        if array.ndim > 1 or array.size > 3:
             raise MaterialError(
                 f"found shape {array.shape}; allowed: one number or one colour (this method is solved once, not for "
                 "every evaluation)",
@@ -188,7 +203,7 @@ def _lanes(stack: Stack, name: str, value: Any, module: Any, double: bool) -> tu
         raise MaterialError(
             f"found a Dr.Jit array of shape {dr.shape(value)}; allowed: numbers or colours", where=name
         )
-    array = np.asarray(value, dtype=np.float64)
+    array = as_numbers(name, value)
     vector = is_vector(name)
     allows_colour = vector or name.rsplit(".", 1)[-1] in (
         "albedo",
@@ -220,8 +235,6 @@ def check_range(stack: Stack, name: str, array: np.ndarray) -> None:
     """Refuse values that the description would refuse."""
     if not np.isfinite(array).all():
         raise MaterialError("found a value that is not finite; allowed: numbers", where=name)
-    if array.size == 0:
-        raise MaterialError("found no values; allowed: at least one", where=name)
     if is_vector(name):
         if array.shape[-1:] == (3,) and array.ndim <= 2:
             _check_vectors(stack, name, np.atleast_2d(array))

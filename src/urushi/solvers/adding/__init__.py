@@ -18,8 +18,10 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Mapping, Sequence
-from numbers import Integral
+from numbers import Integral, Real
 from typing import Any
+
+import numpy as np
 
 from urushi import llvm
 from urushi.errors import UnsupportedStack, UrushiError, close
@@ -105,10 +107,10 @@ def solve(
         UnsupportedStack: with the reasons; textures are for the Mitsuba plugin.
         UrushiError: an option out of range, or an accuracy that cannot be reached.
     """
-    if not (isinstance(accuracy, (int, float)) and 1e-9 <= accuracy <= 0.5):
+    if not _within(accuracy, 1e-9, 0.5):
         raise UrushiError(f"accuracy: found {accuracy!r}; allowed: a number from 1e-9 to 0.5")
-    if not all(isinstance(n, (int, float)) and 1 <= n <= 5 for n in indices):
-        raise UrushiError(f"indices: found {indices!r}; allowed: numbers from 1 to 5")
+    if not (np.iterable(indices) and all(_within(n, 1, 5) for n in indices)):
+        raise UrushiError(f"indices: found {indices!r}; allowed: numbers from 1 to 5, such as (1, 1.5)")
     check_orders(orders)
     method = media_method(media)
     if "drjit" not in sys.modules:
@@ -123,10 +125,14 @@ def solve(
         reasons = reasons_against(own)
         if reasons:
             raise UnsupportedStack("adding", reasons)
-    found = solution(spectrum, accuracy, nodes, progress, tuple(indices), orders=orders, media=method)
+    found = solution(spectrum, float(accuracy), nodes, progress, tuple(indices), orders=orders, media=method)
     if spectrum.channels is None:
         return AddingBSDF(spectrum.stacks[0], found, **options)
     return ChannelsBSDF(spectrum, found, **options)
+
+
+def _within(value: Any, low: float, high: float) -> bool:
+    return isinstance(value, Real) and low <= float(value) <= high
 
 
 def check_orders(orders: Any) -> None:

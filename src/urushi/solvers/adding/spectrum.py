@@ -21,7 +21,7 @@ from urushi.stack import Stack
 from ...adding import Slab
 from ..bound import BoundStack
 from ..ledger import owners
-from ..numbers import described, is_vector, replaced
+from ..numbers import as_numbers, described, is_vector, replaced
 from . import build
 from .basis import Grid
 from .interfaces import RoughLayer
@@ -57,7 +57,7 @@ class Spectrum:
             MaterialError: parameters with different numbers of values, or colours of the description, which say
                 nothing of these channels.
         """
-        arrays = {name: np.asarray(value, dtype=np.float64) for name, value in (parameters or {}).items()}
+        arrays = {name: as_numbers(name, value) for name, value in (parameters or {}).items()}
         many = [a.size for n, a in arrays.items() if a.ndim == 1 and a.size not in (1, 3) and not _pair(n, a)]
         if not many:
             return cls(stack, {}, None, (replaced(stack, arrays) if arrays else stack,))
@@ -77,7 +77,10 @@ class Spectrum:
                 )
         thirds = [np.minimum(np.arange(k, k + THREE), count - 1) for k in range(0, count, THREE)]
         stacks = [
-            replaced(stack, {n: a[third] if a.size == count else a for n, a in arrays.items()})
+            replaced(
+                stack,
+                {n: a[third] if a.size == count and not _pair(n, a) else a for n, a in arrays.items()},
+            )
             for third in thirds
         ]
         return cls(stack, arrays, count, tuple(stacks))

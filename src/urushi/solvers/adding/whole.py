@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
+from numbers import Integral
 from typing import Any
 
 import drjit as dr
@@ -134,13 +135,13 @@ class _Problem:
         own = build.counts(self.bound, self.phases, self.accuracy)
         if nodes is None:
             return [own[0], *[own[-1]] * (panels - 1)]
-        counts = [nodes] * panels if isinstance(nodes, int) else list(nodes)
-        if len(counts) != panels or min(counts) < 4:
+        counts: list[Any] = list(nodes) if np.iterable(nodes) else [nodes] * panels
+        if len(counts) != panels or not all(isinstance(n, Integral) and int(n) >= 4 for n in counts):
             raise UrushiError(
-                f"nodes: found {nodes}; allowed: one number, or one for each of {panels} "
+                f"nodes: found {nodes!r}; allowed: one whole number, or one for each of {panels} "
                 "different indices, each at least 4"
             )
-        return counts
+        return [int(n) for n in counts]
 
 
 def _with_left_out(

@@ -12,7 +12,7 @@ from urushi.errors import UrushiError
 from urushi.stack import Stack
 
 from ...optics.vectors import channels, module_of
-from ..arrays import LANES, backend_module, choice, fill, number_type, vector_type, whole
+from ..arrays import LANES, NONE, backend_module, choice, fill, number_type, vector_type, whole
 from ..bsdf import BSDF, Sample, directions, random_numbers, same_count
 from ..ledger import Ledger, lit
 from ..numbers import gather_numbers
@@ -192,6 +192,9 @@ class WalkBSDF(BSDF):
     def _estimate(self, launch: Any, inputs: tuple[np.ndarray, ...], moments: int) -> list[np.ndarray]:
         """Run `launch` on blocks of samples: the mean of them all, its standard error, and what else `launch` gives."""
         n, (blocks, share) = len(inputs[0]), self.blocks()
+        if n == 0:
+            self._may_take(n)
+            return [x[:0] for x in self._estimate(launch, tuple(NONE for _ in inputs), moments)]
         results: list[np.ndarray] = []  # filled piece by piece: a large batch must not be there twice
 
         def run(core: WalkCore, lanes: tuple[Any, ...], block: Any) -> tuple[Any, ...]:
@@ -226,6 +229,9 @@ class WalkBSDF(BSDF):
     def _map(self, launch: Any, inputs: tuple[np.ndarray, ...]) -> list[np.ndarray]:
         """Run `launch` once for every row."""
         n = len(inputs[0])
+        if n == 0:
+            self._may_take(n)
+            return [x[:0] for x in self._map(launch, tuple(NONE for _ in inputs))]
         results: list[np.ndarray] = []
         for start in range(0, n, LANES):
             out = self._launch(
