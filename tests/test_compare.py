@@ -192,7 +192,7 @@ def test_the_verdict_gives_its_reasons(found: reports.Report) -> None:
     assert percent(found.row("lobes").error.rms) in said  # type: ignore[union-attr]
     assert found.auto.startswith("adding: ")
     out = reports.Row("adding", "method", "", None, cannot=["layers[1] is brushed"])
-    only = verdict([out, found.row("walk")], "walk", 256)
+    only = verdict([out, found.row("walk")])
     assert "Adding is out: layers[1] is brushed." in only and "Take the walk: it is the one" in only
 
 

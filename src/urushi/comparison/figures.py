@@ -10,8 +10,6 @@ from urushi.errors import UrushiError
 from urushi.solvers import BSDF, solve
 from urushi.stack import Stack
 
-from .report import Report
-
 #: degrees of the incident light in the pictures of lobes
 THETAS = (30.0, 60.0)
 #: curves that a reader can tell apart
@@ -19,7 +17,7 @@ MOST = 5
 SAMPLES = 2048
 
 
-def draw(report: Report, stack: Stack, bsdfs: dict[str, BSDF]) -> dict[str, str]:
+def draw(stack: Stack, bsdfs: dict[str, BSDF]) -> dict[str, str]:
     """Title -> an ``<img>`` element, or a sentence that says why there is none."""
     try:
         from urushi import plot

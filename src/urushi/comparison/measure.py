@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from urushi import llvm
-from urushi.errors import UnsupportedStack, UrushiError
+from urushi.errors import UnsupportedStack, UrushiError, close
 from urushi.solvers import BSDF, SOLVERS, choose, solve
 from urushi.stack import Stack, Texture
 
@@ -76,10 +76,12 @@ def compare(
     """
     start = time.perf_counter()
     stack = described(stack, parameters)
-    methods = list(dict.fromkeys(methods))
+    methods = [methods] if isinstance(methods, str) else list(dict.fromkeys(methods))
     for method in methods:
         if method not in SOLVERS:
-            raise UrushiError(f"methods: found {method!r}; allowed: {', '.join(SOLVERS)}")
+            raise UrushiError(
+                f"methods: found {method!r}; {close(method, SOLVERS)}allowed: {', '.join(SOLVERS)}"
+            )
     if not 1e-6 <= accuracy <= 1e-2:
         raise UrushiError(f"accuracy: found {accuracy}; allowed: 1e-6 to 1e-2")
     if samples < 2 or reference_samples < 2 * reference.PARTS:
@@ -144,7 +146,7 @@ def compare(
         [flux_of(view, flux[0], flux[1]) for view, flux in zip(asked, truth.fluxes, strict=True)],
         [flux_of(view, flux[2], flux[3]) for view, flux in zip(asked, truth.fluxes, strict=True)],
         rows,
-        verdict(rows, truth.method, samples),
+        verdict(rows),
         choice.why,
         _machine(timed[0]["yardstick"]),
         time.perf_counter() - start,
@@ -153,7 +155,7 @@ def compare(
         from .figures import draw as drawn
 
         told(0.98, "figures")
-        report.figures.update(drawn(report, stack, bsdfs))
+        report.figures.update(drawn(stack, bsdfs))
     told(1.0, "done")
     return report
 

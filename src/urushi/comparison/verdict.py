@@ -13,14 +13,8 @@ WRONG = 0.25
 DEAR = 4.0
 
 
-def verdict(rows: list[Row], reference: str, samples: int) -> str:
-    """The verdict on what was compared.
-
-    Args:
-        rows: methods and contenders.
-        reference: "adding" or "walk".
-        samples: of the walk, as compared.
-    """
+def verdict(rows: list[Row]) -> str:
+    """The verdict on what was compared: methods and contenders."""
     by = {row.name: row for row in rows if row.kind == "method"}
     able = {name: row for name, row in by.items() if row.error is not None}
     said = []

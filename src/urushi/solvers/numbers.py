@@ -136,7 +136,7 @@ def gather_numbers(
                     else given[name]
                 )
             fixed[name] = value
-            values[name] = _constant(name, value, module, double)
+            values[name] = _constant(value, module, double)
             colour = isinstance(value, tuple) and len(value) == 3
         colour = colour and not is_vector(name)
         coloured = coloured or colour
@@ -182,7 +182,7 @@ def _types(module: Any, double: bool) -> tuple[Any, Any]:
     return (module.Float64, module.Array3f64) if double else (module.Float, module.Array3f)
 
 
-def _constant(name: str, value: Any, module: Any, double: bool) -> Any:
+def _constant(value: Any, module: Any, double: bool) -> Any:
     number, colour = _types(module, double)
     make = float if number is float else lambda x: dr.opaque(number, x)
     if not isinstance(value, tuple):
@@ -217,7 +217,7 @@ def _lanes(stack: Stack, name: str, value: Any, module: Any, double: bool) -> tu
     check_range(stack, name, array)
     if (array.ndim == 0 and not vector) or (array.ndim == 1 and array.shape[0] == 3 and allows_colour):
         plain = float(array) if array.ndim == 0 else tuple(float(v) for v in array)
-        return _constant(name, plain, module, double), 1, array.ndim == 1
+        return _constant(plain, module, double), 1, array.ndim == 1
     if not vector and (array.ndim == 1 or (array.ndim == 2 and array.shape[1] == 1)):
         return number(array.ravel().tolist() if number is float else padded(array)), array.shape[0], False
     columns = [number(padded(array[:, i])) for i in range(array.shape[1])] if array.ndim == 2 else []
