@@ -139,6 +139,11 @@ def total(value: Array) -> Array:
     return dr.sum(value) if channels(value) else value
 
 
+def mean(value: Array) -> Array:
+    """The mean over the colour channels; a plain number is its own."""
+    return total(value) * (1 / max(channels(value), 1))
+
+
 def peak(value: Array) -> Array:
     """The largest colour channel; a plain number is its own."""
     return dr.max(value) if channels(value) else value

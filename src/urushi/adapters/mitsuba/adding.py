@@ -15,7 +15,7 @@ import drjit as dr
 import numpy as np
 
 from urushi.errors import MaterialError, UnsupportedStack, UrushiError
-from urushi.optics.vectors import channels, total
+from urushi.optics.vectors import mean
 from urushi.solvers import SOLVERS
 from urushi.solvers.adding import MOST_ORDERS, media_method, reasons_against
 from urushi.solvers.adding.build import bind_numbers
@@ -172,7 +172,7 @@ class Adding:
         if self.channels is None:
             for core, share in zip(cores, shares, strict=True):
                 weights.append(self._unit(core, share))
-                chances.append(_mean(share))
+                chances.append(mean(share))
         else:
             spectra = [
                 hats(si.wavelengths, self.channels)[k : k + 3] for k in range(0, len(self.channels), 3)
@@ -180,7 +180,7 @@ class Adding:
             for core, (share, spectrum) in zip(cores, itertools.product(shares, spectra), strict=True):
                 own = [share * self.mi.UnpolarizedSpectrum(hat) for hat in spectrum]
                 weights.append(own if core.colours == 3 else [own[0] + own[1] + own[2]])
-                chances.append(_mean(own[0] + own[1] + own[2]))
+                chances.append(mean(own[0] + own[1] + own[2]))
         return Corners(cores, bind(self.stack, values, self.surface.fixed()), weights, chances)
 
     def _unit(self, core: AddingCore, share: Any) -> list[Any]:
@@ -203,10 +203,6 @@ class Adding:
 def _wavelengths(mi: Any) -> list[float]:
     """What a spectral variant is solved for: three at a time, 28 nm apart."""
     return np.linspace(float(mi.MI_CIE_MIN), float(mi.MI_CIE_MAX), WAVELENGTHS).tolist()
-
-
-def _mean(value: Any) -> Any:
-    return total(value) * (1 / max(channels(value), 1))
 
 
 def _plain(value: Any) -> Any:

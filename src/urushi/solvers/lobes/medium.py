@@ -21,7 +21,7 @@ import drjit as dr
 import numpy as np
 
 from ...media import BoundMedium, inverse_cosine
-from ...optics.vectors import Array, at_least, at_most, channels, total
+from ...optics.vectors import Array, at_least, at_most, channels, mean
 from .flow import Flow
 from .grid import Grid
 from .moments import COUNT, Mixing, Moments, of_powers, polynomials
@@ -64,7 +64,7 @@ class Particles:
         if not self.scatters:
             return 1.0, 0.0
         kept, unscattered = self._kept(cos, self.forward), self._unscattered(cos)
-        bright, all_of = _mean(kept - unscattered), _mean(kept)
+        bright, all_of = mean(kept - unscattered), mean(kept)
         share = at_least(bright, 0) / at_least(all_of, 1e-20)
         return kept / at_least(self.passed(cos), 1e-20), share * self.spread
 
@@ -155,10 +155,6 @@ def _grid(name: str) -> Grid:
 
 def _pick(value: Array, c: int) -> Array:
     return value[c] if channels(value) else value
-
-
-def _mean(value: Array) -> Array:
-    return total(value) * (1 / max(channels(value), 1))
 
 
 def even_decay(depth: Array) -> Array:

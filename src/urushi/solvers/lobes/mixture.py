@@ -9,7 +9,7 @@ import drjit as dr
 
 from ...interfaces.base import Frame
 from ...optics.microfacet import Microfacets
-from ...optics.vectors import Array, Vector, at_least, channels, total
+from ...optics.vectors import Array, Vector, at_least, mean
 from ..facet_lobe import Lobe
 
 
@@ -36,7 +36,7 @@ class Mixture:
         cls, wi: Vector, parts: list[tuple[Array, Lobe]], reflected: Any, transmitted: Any, onward: Any
     ) -> Mixture:
         """From lobes and their energies; delta parts may be None."""
-        delta = [0 * wi.x if e is None else _mean(e) + 0 * wi.x for e in (reflected, transmitted)]
+        delta = [0 * wi.x if e is None else mean(e) + 0 * wi.x for e in (reflected, transmitted)]
         whole = delta[0] + delta[1]
         for energy, _ in parts:
             whole = whole + energy
@@ -120,7 +120,3 @@ class Chosen:
             facets = Microfacets(*self._alphas, "ggx", "separable")
             o = dr.select(self._even, o, Lobe(0.0, True, self._axis, facets, frame).sample(wi, u1, u2))
         return dr.select(self._any, type(wi)(o.x, o.y, dr.select(self._up, o.z, -o.z)), type(wi)(0, 0, 0))
-
-
-def _mean(value: Array) -> Array:
-    return total(value) * (1 / max(channels(value), 1))

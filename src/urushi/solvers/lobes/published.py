@@ -16,7 +16,7 @@ import drjit as dr
 
 from ...interfaces import BoundConductor, BoundDielectric
 from ...media import inverse_cosine
-from ...optics.vectors import Array, Vector, at_least, at_most, channels, total
+from ...optics.vectors import Array, Vector, at_least, at_most, mean
 from ..bound import BoundStack
 from .medium import Particles, forward_width
 from .operators import GRAZING, Boundary
@@ -89,10 +89,10 @@ def add_up(
             back, up = at_most(back + (1 - share) * up, 1.0), share * up
         rest = at_least(1 - back * r, 1e-6)
         energy = down * r * up / rest
-        rounds = _mean(back * r / rest)
+        rounds = mean(back * r / rest)
         lobes.append((energy, spread.lobe(reflected, rounds)))
         inner = t * back * t / rest
-        spread.cross(reflected, *widen, j, rounds, _mean(r), _mean(inner))
+        spread.cross(reflected, *widen, j, rounds, mean(r), mean(inner))
         down, back, up = down * t / rest, r + inner, t * up / rest
         cos = below
         before = layer if layer.transmittance is None else before
@@ -161,7 +161,3 @@ def _medium(particles: Particles) -> Layer:
 
     width = forward_width(particles.g) if particles.scatters else 0.0
     return Layer(lambda cos, _: 0.0 * cos, transmittance=transmittance, scattered=width)
-
-
-def _mean(value: Array) -> Array:
-    return total(value) * (1 / max(channels(value), 1))

@@ -20,7 +20,7 @@ from typing import Any
 import drjit as dr
 
 from ...interfaces import BoundConductor, BoundDielectric, BoundDiffuse, RoughDiffuse
-from ...optics.vectors import Array, Vector, at_least, at_most, channels, total
+from ...optics.vectors import Array, Vector, at_least, at_most, mean
 from ..bound import BoundStack
 from . import matte
 from .flow import BEAM, Flow, bounce, times
@@ -152,14 +152,14 @@ def respond(stack: BoundStack, wi: Vector, above: bool, scatters: bool = True, t
             if k == refracting[-1] and k != refracting[0] and matte.clear(stack):
                 delayed = wider(left, at_most(before, straight), wi)
         direct = direct * t.beam
-        inner = dr.square(_mean(t.beam)) * _mean(up.r_bottom.beam)
+        inner = dr.square(mean(t.beam)) * mean(up.r_bottom.beam)
         spread.cross(
             boundary.reflected,
             boundary.transmitted(cos, below),
             boundary.turned.transmitted(below, cos),
             boundary.eta * below / cos,
             0.0,
-            _mean(r.beam),
+            mean(r.beam),
             inner if steps else 0.0,
         )
         steps.append(step)
@@ -254,7 +254,3 @@ def _zero(value: Array) -> bool:
 
 def _sum(a: Array, b: Array) -> Array:
     return b if _zero(a) else a if _zero(b) else a + b
-
-
-def _mean(value: Array) -> Array:
-    return total(value) * (1 / max(channels(value), 1))

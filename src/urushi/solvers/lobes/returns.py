@@ -14,7 +14,7 @@ import drjit as dr
 
 from ...adding import Slab, add
 from ...interfaces import BoundConductor, BoundDielectric, Null
-from ...optics.vectors import Array, at_least, at_most, channels, total
+from ...optics.vectors import Array, at_least, at_most, mean
 from . import tables
 from .flow import ALL, FLOWS, NONE, Flow
 from .medium import Particles
@@ -109,7 +109,7 @@ def meet(steps: list[Step], step: Step, returning: Array, width: Width | None, l
             sheet, share = upper.sheet(entered, boundary), _like_a_sheet(upper, boundary)
             first = _flows(step, _mixed(sheet[0], (step.r.beam, step.t.beam), share))
             back, back_later = _mixed(sheet[2], back, share), (sheet[3], share)
-    kept = TRAPPED if clear else _mean(step.r.beam)
+    kept = TRAPPED if clear else mean(step.r.beam)
     above = from_below(steps, returning, boundary.reflected, None, back and (back, 1.0))
     above_later = from_below(steps, returning, boundary.reflected, above.nearest, back_later, kept)
     assert above.steep is not None
@@ -171,7 +171,7 @@ def from_below(
             middle = cos if width is None else tables.mean(cos, mean_roughness(width))
             slanted.append((len(slabs), step, middle))
             slabs.append(Slab(step.r, step.t, r, t))
-            through = _mean(step.layer.passed(middle))
+            through = mean(step.layer.passed(middle))
             passing, media = passing * through, media * through
             if width is not None:
                 by = 2 * step.layer.widened(cos)[1]
@@ -283,7 +283,3 @@ def _mixed(known: Pair, other: Pair, share: Array) -> Pair:
     """A share of the first, the rest of the second."""
     r, t = (b + share * (a - b) for a, b in zip(known, other, strict=True))
     return r, t
-
-
-def _mean(value: Array) -> Array:
-    return total(value) * (1 / max(channels(value), 1))

@@ -17,14 +17,7 @@ import drjit as dr
 from ...interfaces.base import Frame
 from ...media import inverse_cosine
 from ...optics.microfacet import Microfacets
-from ...optics.vectors import (
-    Array,
-    Vector,
-    at_least,
-    at_most,
-    channels,
-    total,
-)
+from ...optics.vectors import Array, Vector, at_least, at_most, mean
 from ..bound import BoundStack
 from ..facet_lobe import Lobe
 from ..smooth import cosines, has_delta, smooth_energy, snell, straight
@@ -91,7 +84,7 @@ def propose(stack: BoundStack, wi: Vector) -> Proposal:
     if not stack.opaque:
         guess = _merge(guess, _guess(stack, wi, above=False), wi.z > 0)
     reflected, transmitted = smooth_energy(stack, wi) if has_delta(stack) else (0 * wi.x, 0 * wi.x)
-    mirror_weight, straight_weight = _mean(reflected), _mean(transmitted)
+    mirror_weight, straight_weight = mean(reflected), mean(transmitted)
     whole = mirror_weight + straight_weight + guess.near + guess.far
     axes, through = _tilted(stack, wi) if stack.tilted else ({}, guess.axis)
     rough = _few([(*lobe, axes.get(k)) for k, lobe in guess.rough.items()], stack.opaque)
@@ -140,10 +133,6 @@ def _scatters(stack: BoundStack) -> bool:
     )
 
 
-def _mean(value: Array) -> Array:
-    return total(value) * (1 / max(channels(value), 1))
-
-
 def _guess(stack: BoundStack, wi: Vector, above: bool) -> _Guess:
     """One pass through the stack: how much each interface sends back, and how wide."""
     cos = cosines(stack, wi, above)
@@ -161,7 +150,7 @@ def _guess(stack: BoundStack, wi: Vector, above: bool) -> _Guess:
         before, after = (k, k + 1) if above else (k + 1, k)
         reflected, transmitted, alpha = interface.lobe(cos[before], above)
         index = stack.indices[before]
-        energy = passing * _mean(reflected)
+        energy = passing * mean(reflected)
         if interface.flat:
             diffuse = diffuse + energy
         elif interface.delta is not True or blurred:
@@ -176,16 +165,16 @@ def _guess(stack: BoundStack, wi: Vector, above: bool) -> _Guess:
             rough[k] = (keep, lobe[0], lobe[1], getattr(interface, "frame", Frame(0.0)))
         if interface.opaque:
             break
-        passing = passing * _mean(transmitted)
+        passing = passing * mean(transmitted)
         if interface.delta is not True:
             blurred = True
             step = dr.square((stack.indices[after] - index) * alpha)
             blur, bend = blur + 0.5 * step / dr.square(outside), bend + step
         medium = stack.media[after] if 0 < after <= last else None
         if medium is not None:
-            left = _mean(medium.transmittance(1.0, inverse_cosine(cos[after])))
+            left = mean(medium.transmittance(1.0, inverse_cosine(cos[after])))
             if medium.scatters:
-                diffuse = diffuse + passing * (1 - left) * _mean(medium.albedo)
+                diffuse = diffuse + passing * (1 - left) * mean(medium.albedo)
             passing = passing * left
     beyond = stack.indices[-1 if above else 0]
     axis = None
