@@ -1,4 +1,4 @@
-"""Media whose albedo varies with depth: the description, the limit of many slabs, both sides, who can solve them."""
+"""Media that vary with depth: the description, the limit of many slabs, both sides, adding and the walk."""
 
 from __future__ import annotations
 
@@ -11,11 +11,16 @@ from mitsuba_plugin import Asked, layered
 from outside import degrees
 from urushi.adapters import native
 from urushi.checks.energy import lossless
+from urushi.solvers.adding import phase
+from urushi.solvers.adding.delta_m import Truncated
 from urushi.solvers.adding.graded import Piece
+from urushi.solvers.adding.mixture import Mixture
 
 pytestmark = needs_llvm
 
 FORWARD = ur.HenyeyGreenstein(g=0.6)
+KINDS = (ur.HenyeyGreenstein(g=0.8), ur.Rayleigh(), ur.HenyeyGreenstein(g=-0.4))
+KNOTS = (0.0, 0.3, 1.0)
 UNEVEN = (0.95, 0.6, 0.9)
 NODES = 12
 WI = np.concatenate([degrees(0), degrees(45), degrees(70), degrees(110), degrees(150)])
@@ -58,11 +63,55 @@ def test_it_is_a_description_like_others(tmp_path):
     assert "polygon" in ur.Stack(layers=[ur.GradedMedium(depth=2.0, albedo=(0.2, 0.9))])._repr_html_()
 
 
+def test_phase_functions_by_depth_are_written_and_read(tmp_path):
+    layer = ur.GradedMedium(2.0, 0.9, KINDS, KNOTS)
+    assert eval(repr(layer), vars(ur)) == layer != ur.GradedMedium(2.0, 0.9, KINDS)
+    stack = pane(layer)
+    for name in ("pane.yaml", "pane.json"):
+        ur.save(stack, tmp_path / name)
+        assert ur.load(tmp_path / name) == stack
+    written = (tmp_path / "pane.yaml").read_text()
+    assert "phase: [henyey_greenstein: {g: 0.8}, rayleigh," in written.replace("[{", "[").replace("}}", "}")
+    assert "at: [0.0, 0.3, 1.0]" in written and "albedo: 0.9" in written
+    assert "henyey greenstein (g 0.8), rayleigh, henyey greenstein (g -0.4), at 0 0.3 1" in stack.describe()
+    assert "layer_1.depth" in stack.parameters() and not any("phase" in name for name in stack.parameters())
+    assert stack.replace({"layer_1.albedo": (0.1, 0.2, 0.3)}).layers[1].mean_albedo == pytest.approx(0.22)
+    assert [albedos for _, albedos in layer.scatterers] == [(0.9, 0, 0), (0, 0.9, 0), (0, 0, 0.9)]
+    np.testing.assert_allclose(layer.shares, [0.15, 0.5, 0.35])
+    assert ur.GradedMedium(1.0, (0, 0), KINDS[:2]).shares == [0.5, 0.5]
+    assert ur.GradedMedium(1.0, 1.0, KINDS, (0.0, 0.1, 1.0)).mean_albedo <= 1
+
+
+def test_where_a_file_is_wrong_is_said(tmp_path):
+    path = tmp_path / "wrong.yaml"
+    path.write_text(
+        "urushi: 1\nlayers:\n  - graded:\n      depth: 1\n      albedo: 0.5\n      phase:\n"
+        "        - isotropic\n        - henyey_greenstein: {g: 2}\n"
+    )
+    with pytest.raises(ur.MaterialError, match=r"wrong\.yaml: layers\[0\]\.phase\[1\]\.g: found 2.*line 8"):
+        ur.load(path)
+
+
 @pytest.mark.parametrize(
     ("given", "where", "said"),
     [
-        ({"albedo": 0.5}, "albedo", "varies nowhere: that is a medium"),
-        ({"albedo": [0.5]}, "albedo", "which has 1 values; allowed: a list of 2 to 64 numbers from 0 to 1"),
+        ({"albedo": 0.5}, "albedo", "vary nowhere: that is a medium"),
+        (
+            {"albedo": [0.5]},
+            "albedo",
+            "which has 1 values; allowed: a number from 0 to 1 or a list of 2 to 64 such",
+        ),
+        ({"albedo": 1.5, "phase": KINDS}, "albedo", "found 1.5"),
+        ({"phase": KINDS[:2]}, "phase", "found 2 values, where albedo has 3; allowed: as many"),
+        ({"phase": KINDS[:1]}, "phase", "which has 1 of them"),
+        ({"phase": ["isotropic", "raylei", "isotropic"]}, "phase[1]", "did you mean 'rayleigh'?"),
+        ({"phase": [*KINDS[:2], ur.HenyeyGreenstein(g=ur.Texture("g.png"))]}, "phase[2].g", "a number"),
+        ({"albedo": 0.5, "phase": KINDS, "at": [0, 1]}, "at", "found 2 values, where phase has 3"),
+        ({"at": [0, 0.5, 0.9]}, "at[2]", "found 0.9; allowed: a list of 2 to 64 numbers from 0 to 1"),
+        ({"at": [0.1, 0.5, 1]}, "at[0]", "the first 0"),
+        ({"at": [0, 0.5, 0.5]}, "at[2]", "found 0.5, after 0.5"),
+        ({"at": [0, 0.7, 0.5]}, "at[2]", "found 0.5, after 0.7"),
+        ({"at": 0.5}, "at", "found 0.5; allowed: a list"),
         ({"albedo": [0.5] * 65}, "albedo", "which has 65 values"),
         ({"albedo": [0.5, 1.5]}, "albedo[1]", "found 1.5"),
         ({"albedo": [0.5, float("nan")]}, "albedo[1]", "not finite"),
@@ -87,11 +136,73 @@ def test_many_slabs_approach_it_with_the_square_of_their_depth():
     errors = [np.abs(values(pane(*slabs(count)))[:, :6] - fluxes).max() for count in (8, 16, 32)]
     assert 1e-4 < errors[0] < 1e-3 and errors[2] < 2e-5
     assert 3 < errors[0] / errors[1] < 6 and 3 < errors[1] / errors[2] < 6
-    # Their closed forms differ, so that values agree as far as the nodes go.
-    best = values(pane(*slabs(32)), nodes=24)[:, 6:]
-    np.testing.assert_allclose(values(stack, nodes=24)[:, 6:], best, atol=1e-5)
 
 
+@pytest.mark.slow
+@pytest.mark.parametrize("kinds", [False, True])
+def test_values_of_many_slabs(kinds):
+    """Their closed forms differ, so that values agree as far as the nodes go."""
+    layer = GRAINS if kinds else ur.GradedMedium(depth=2.0, albedo=UNEVEN, phase=FORWARD)
+    best = values(pane(*(grains(16) if kinds else slabs(32))), nodes=24)[:, 6:]
+    np.testing.assert_allclose(values(pane(layer), nodes=24)[:, 6:], best, atol=2e-4 if kinds else 1e-5)
+
+
+def grains(count: int, kind=FORWARD) -> list[ur.Medium]:
+    """The same as `GRAINS` in slabs: what is of one kind at the top gives way to another at the bottom."""
+    found = []
+    for k in range(count):
+        thin, share = 2.0 / count, (k + 0.5) / count
+        first = ur.Medium(depth=0.5 * thin * (1 - share), albedo=0.9, phase=kind)
+        found += [first, ur.Medium(depth=thin * share, albedo=0.9, phase=ur.Rayleigh()), first]
+    return found
+
+
+GRAINS = ur.GradedMedium(depth=2.0, albedo=0.9, phase=(FORWARD, ur.Rayleigh()))
+
+
+def test_grains_of_two_kinds_approach_it_with_the_square_of_their_depth():
+    """A kind that settles: its share of all grains, which are equally bright, grows with the depth."""
+    options = {"accuracy": 1e-4}
+    fluxes = values(pane(GRAINS), **options)[:, :6]
+    errors = [np.abs(values(pane(*grains(n)), **options)[:, :6] - fluxes).max() for n in (4, 8, 16)]
+    assert 3e-4 < errors[0] < 3e-3 and errors[2] < 2e-4
+    assert 3 < errors[0] / errors[1] < 6 and 3 < errors[1] / errors[2] < 6
+
+
+def test_values_between_two_others_say_nothing_new():
+    """On the line between its neighbours a height is superfluous, at the albedos' and at the phase functions' ends."""
+    plain = ur.GradedMedium(depth=2.0, albedo=(0.9, 0.5), phase=FORWARD)
+    told = ur.GradedMedium(depth=2.0, albedo=(0.9, 0.8, 0.5), phase=FORWARD, at=(0.0, 0.25, 1.0))
+    np.testing.assert_allclose(values(pane(told)), values(pane(plain)), atol=2e-7)
+    turn = ur.GradedMedium(2.0, (0.8, 0.8, 0.8), (FORWARD, FORWARD, ur.Rayleigh()), (0.0, 0.5, 1.0))
+    apart = [
+        ur.Medium(depth=1.0, albedo=0.8, phase=FORWARD),
+        ur.GradedMedium(1.0, 0.8, (FORWARD, ur.Rayleigh())),
+    ]
+    fluxes = slice(0, 6)  # the closed forms differ
+    np.testing.assert_allclose(values(pane(turn))[:, fluxes], values(pane(*apart))[:, fluxes], atol=2e-7)
+
+
+def test_peaks_of_several_phase_functions():
+    """Where few nodes cut two series, each loses its own share of the light to the peak: as in slabs."""
+    sharp = ur.HenyeyGreenstein(g=0.9)
+    found = values(pane(ur.GradedMedium(2.0, 0.9, (sharp, ur.Rayleigh()))), nodes=6)[:, :6]
+    np.testing.assert_allclose(found, values(pane(*grains(16, sharp)), nodes=6)[:, :6], atol=2e-4)
+    made = Mixture(
+        [phase.HenyeyGreenstein(0.9), phase.Rayleigh(), phase.HenyeyGreenstein(-0.9)], [0.5, 0.2, 0.3]
+    )
+    one, two, three = (Truncated.of(part, 12) for part in made.parts)
+    both = Truncated.of(made, 12)
+    assert both.forward == pytest.approx(0.5 * one.forward) and one.forward > 0 < three.backward
+    assert (1 - both.forward) * both.backward == pytest.approx(0.3 * three.backward)
+    left = 0.5 * (1 - one.forward) * one.moments + 0.2 * two.moments + 0.3 * three.moments
+    np.testing.assert_allclose((1 - both.forward) * both.moments, left, atol=1e-15)
+    np.testing.assert_allclose(made.moments(5)[2], 0.8 * 0.81 + 0.02)
+    x, w = np.polynomial.legendre.leggauss(200)
+    assert 2 * np.pi * w @ made.eval(x) == pytest.approx(1, abs=1e-9)
+
+
+@pytest.mark.slow
 def test_what_is_scattered_once_leaves_the_rest_smooth():
     """With the mean albedo: few nodes do, and the values are those of many nodes."""
     stack = ur.Stack(layers=[ur.GradedMedium(depth=2.0, albedo=UNEVEN, phase=FORWARD)])
@@ -125,20 +236,20 @@ def test_a_peak_that_the_nodes_do_not_resolve():
     found = values(pane(ur.GradedMedium(depth=1.5, albedo=grading, phase=sharp)), **few)
     slices = values(pane(*slabs(32, grading, 1.5, sharp)), **few)
     np.testing.assert_allclose(found[:, :6], slices[:, :6], atol=5e-5)
-    forward, exact = 0.3, Piece(2.0, 0.2, 0.9, 0.3)
+    forward, exact = 0.3, Piece(2.0, (0.2,), (0.9,), (0.3,))
     s = np.linspace(0, 1, 10_001)
     scaled = np.concatenate([[0], np.cumsum(np.diff(s) * (1 - forward * (0.2 + 0.7 * (s[1:] + s[:-1]) / 2)))])
     assert exact.scaled == pytest.approx(2 * scaled[-1], rel=1e-12)
     for k in (0, 2500, 7000, 10_000):
         here = 0.2 + 0.7 * s[k]
         expected = here * (1 - forward) / (1 - here * forward)
-        assert exact.albedo(scaled[k] / scaled[-1])[0] == pytest.approx(expected, rel=1e-9)
+        assert exact.albedo(0, scaled[k] / scaled[-1])[0] == pytest.approx(expected, rel=1e-9)
 
 
 def test_upside_down_it_is_seen_from_the_other_side():
     """The stack turned over, lit from above, does what the stack does, lit from below."""
-    layer = ur.GradedMedium(depth=2.0, albedo=UNEVEN, phase=FORWARD)
-    turned = ur.GradedMedium(depth=2.0, albedo=UNEVEN[::-1], phase=FORWARD)
+    layer = ur.GradedMedium(2.0, UNEVEN, KINDS, (0.0, 0.2, 1.0))
+    turned = ur.GradedMedium(2.0, UNEVEN[::-1], KINDS[::-1], (0.0, 0.8, 1.0))
     stack = ur.Stack(layers=[ur.Dielectric(ior=1.5), layer, ur.Dielectric(ior=1.2)])
     other = ur.Stack(layers=[ur.Dielectric(ior=1.5), turned, ur.Dielectric(ior=1.0)], exterior=1.2)
     one, two = (ur.solve(s, "adding", nodes=NODES, accuracy=1e-5) for s in (stack, other))
@@ -191,11 +302,50 @@ def test_what_cannot_absorb_is_known_to():
 # ---------------------------------------------------------------------------------- who can solve it
 
 
-def test_adding_alone_solves_it():
+UNLIKE = pane(ur.GradedMedium(1.5, UNEVEN, KINDS, KNOTS), below=1.2)
+
+
+def test_the_walk_agrees_with_adding():
+    """Fluxes, values and what the medium keeps, from both sides, within errors."""
+    exact = ur.solve(UNLIKE, "adding", nodes=24)
+    walk = ur.solve(UNLIKE, "walk", samples=10_000, seed=1)
+    for name, given in (("reflectance", ()), ("transmittance", ()), ("eval", (WO,))):
+        value, error = getattr(walk, name)(WI, *given, with_error=True)
+        expected = getattr(exact, name)(WI, *given)
+        assert np.all(np.abs(value - expected) < 4.5 * error + 1e-3 * expected.max()), name
+        assert error.max() < 0.03 * max(expected.max(), 0.1)
+    kept = walk.absorption(WI, with_error=True)
+    assert np.all(np.abs(kept.absorbed - exact.absorption(WI).absorbed) < 4.5 * kept.error.absorbed + 3e-4)
+
+
+def test_the_walk_follows_lanes_and_derivatives():
+    """Depths of their own are other media, and the slope is that of adding."""
+    import drjit as dr
+    from drjit.llvm.ad import Array3f, Float
+
+    depths = np.array([0.5, 1.5, 3.0, 3.0])
+    wi = np.repeat(degrees(30), 4, axis=0)
+    value, error = ur.solve(
+        UNLIKE, "walk", samples=30_000, seed=2, parameters={"layer_1.depth": depths}
+    ).reflectance(wi, with_error=True)
+    best = [
+        ur.solve(UNLIKE.replace({"layer_1.depth": d}), "adding", nodes=NODES).reflectance(wi[:1])[0]
+        for d in (*depths, 0.48, 0.52)
+    ]
+    assert np.all(np.abs(value - best[:4]) < 4.5 * error + 2e-3)
+    depth = Float(0.5)
+    dr.enable_grad(depth)
+    bsdf = ur.solve(UNLIKE, "walk", samples=16, seed=3, parameters={"layer_1.depth": depth})
+    x = dr.linspace(Float, 0.49, 0.51, 16384)  # all a little different, so that their noise is
+    found = bsdf.reflectance(Array3f(x, 0, dr.sqrt(1 - x * x)))
+    dr.backward(dr.mean(dr.ravel(found)))
+    assert float(dr.grad(depth)[0]) == pytest.approx(float((best[5] - best[4])[0]) / 0.04, rel=0.05)
+
+
+def test_lobes_refuse_it_and_auto_takes_adding():
     stack = pane(ur.GradedMedium(depth=1.0, albedo=UNEVEN))
-    for method in ("walk", "lobes"):
-        with pytest.raises(ur.UnsupportedStack, match=r"layers\[1\] is a graded medium.*that can: adding"):
-            ur.solve(stack, method)
+    with pytest.raises(ur.UnsupportedStack, match=r"layers\[1\] is a graded medium.*that can: walk, adding"):
+        ur.solve(stack, "lobes")
     bsdf = ur.solve(stack, accuracy=0.05)
     assert bsdf.diagnostics["auto"]["method"] == "adding"
 
@@ -209,11 +359,12 @@ def test_a_file_of_its_solution(tmp_path):
 
 
 def test_the_plugin(mi, tmp_path):
-    stack = pane(ur.GradedMedium(depth=1.0, albedo=UNEVEN, phase=FORWARD))
-    ur.save(stack, tmp_path / "pane.yaml")
-    plugin = layered(mi, filename=str(tmp_path / "pane.yaml"), method="adding", nodes=NODES)
-    expected = ur.solve(stack, "adding", nodes=NODES).eval(WI, WO)
+    ur.save(UNLIKE, tmp_path / "pane.yaml")
+    file = str(tmp_path / "pane.yaml")
+    plugin = layered(mi, filename=file, method="adding", nodes=NODES)
+    expected = ur.solve(UNLIKE, "adding", nodes=NODES).eval(WI, WO)
     np.testing.assert_allclose(Asked.of(mi, plugin, WI).value(WO), expected, rtol=2e-3, atol=2e-5)
-    assert "graded henyey_greenstein" in str(plugin) and "layer_1.depth" in mi.traverse(plugin)
-    with pytest.raises(Exception, match="graded medium"):
-        layered(mi, filename=str(tmp_path / "pane.yaml"))
+    kinds = "graded henyey_greenstein to rayleigh to henyey_greenstein"
+    assert kinds in str(plugin) and "layer_1.depth" in mi.traverse(plugin)
+    walked = Asked.of(mi, layered(mi, filename=file, samples=20_000), WI).value(WO)
+    np.testing.assert_allclose(walked, expected, rtol=0.05, atol=1e-3)

@@ -268,8 +268,9 @@ def in_words(piece: Description) -> str:
             scale = "" if value.scale == 1.0 else f" times {value.scale:g}"
             said = f"{name} from {value.path.name}{scale}"
         elif isinstance(value, Description):
-            inner = in_words(value)
-            said = value.kind.replace("_", " ") + (f" ({inner})" if inner else "")
+            said = _kind_in_words(value)
+        elif isinstance(value, tuple) and isinstance(value[0], Description):
+            said = f"{name} {', '.join(_kind_in_words(one) for one in value)}"
         elif isinstance(value, tuple):
             said = f"{name} {' '.join(f'{number:g}' for number in value)}"
         elif isinstance(value, float):
@@ -278,6 +279,11 @@ def in_words(piece: Description) -> str:
             said = str(value) if name in ("material", "distribution") else f"{name.replace('_', ' ')} {value}"
         words.append(said)
     return ", ".join(words)
+
+
+def _kind_in_words(piece: Description) -> str:
+    inner = in_words(piece)
+    return piece.kind.replace("_", " ") + (f" ({inner})" if inner else "")
 
 
 def parameter_table() -> list[dict[str, Any]]:

@@ -6,6 +6,7 @@ cosine mu sees depth / mu.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -74,10 +75,16 @@ class BoundMedium:
         """The medium of a described layer (`interfaces.given.Given`)."""
         explicit = f"{given.name}.depth" in given.values
         depth = given["depth"] if explicit else given["thickness"] * given["sigma_t"]
-        phase = PHASE_FUNCTIONS[given.layer.phase.kind](**given.phase_parameters())
-        g = given.known("phase.g")
-        phase.flat = phase.flat or (g is not None and abs(g) <= FLAT)
+        phase = bound_phase(given.layer.phase.kind, given.phase_parameters(), given.known("phase.g"))
         return cls(depth, given["albedo"], phase, scatters=not given.is_zero("albedo"))
+
+    def phase_at(self, _t: Array) -> Any:
+        """The phase function of collisions at a position."""
+        return self.phase
+
+    def absorbed(self, gone: Array, _flight: Flight) -> Array:
+        """What a flight, on which the share `gone` collides, leaves in the medium."""
+        return (1 - self.albedo) * gone
 
     def transmittance(self, distance: Array, inv_cos: Array) -> Array:
         """What is left after the part `distance` of the thickness, under the cosine 1 / `inv_cos`."""
@@ -137,6 +144,13 @@ class BoundMedium:
         return Flight(
             collided, at_most(at_least(dr.select(down, t + distance, t - distance), 0), 1), weight, scattered
         )
+
+
+def bound_phase(kind: str, numbers: Mapping[str, Any], known_g: float | None) -> Any:
+    """A phase function of `optics.phase`, told to be flat where its mean cosine is known to be small."""
+    phase = PHASE_FUNCTIONS[kind](**numbers)
+    phase.flat = phase.flat or (known_g is not None and abs(known_g) <= FLAT)
+    return phase
 
 
 def _one_minus_exp(depth: Array, passed: Array) -> Array:

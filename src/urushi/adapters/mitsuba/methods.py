@@ -14,9 +14,7 @@ from typing import Any, Protocol
 
 import drjit as dr
 
-from urushi.errors import MaterialError, UnsupportedStack
-from urushi.solvers import SOLVERS
-from urushi.solvers.walk import reasons_against
+from urushi.errors import MaterialError
 from urushi.solvers.walk.core import WalkCore
 from urushi.solvers.walk.derivative import bind_live
 
@@ -65,9 +63,6 @@ class Walk:
         self.seed = whole(props, "seed", 0, 0, 2**32 - 1)
         limit = whole(props, "max_depth", -1, -1, 2**31 - 1)
         self.max_depth = None if limit < 0 else limit
-        reasons = reasons_against(stack)
-        if reasons:
-            raise UnsupportedStack("walk", reasons, [name for name in SOLVERS if name != "walk"])
         # Opaque, as the parameters are: another seed compiles nothing anew.
         self._noise = dr.opaque(mi.UInt32, self.seed)
 

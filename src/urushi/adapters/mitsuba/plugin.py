@@ -196,7 +196,9 @@ def _layer_said(number: int, layer: Any, surface: Surface) -> str:
     """A layer as `to_string` shows it: what it is, and the values that its parameters have now."""
     words = [layer.kind]
     words += [getattr(layer, name) for name in ("distribution", "masking") if hasattr(layer, name)]
-    words += [layer.phase.kind] if layer.is_medium else []
+    if layer.is_medium:
+        phases = layer.phase if isinstance(layer.phase, tuple) else (layer.phase,)
+        words.append(" to ".join(phase.kind for phase in phases))
     head = f"layer_{number}."
     lines = [" ".join(words)]
     for name, parameter in surface.each():

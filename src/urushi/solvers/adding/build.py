@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from urushi.stack import Stack, continuous
+from urushi.stack import GradedMedium, Stack
 
 from ...interfaces import Null
 from ...media import MEDIA, BoundGraded
@@ -14,12 +14,13 @@ from ..bound import BoundStack, bind
 from ..direct import direct_is_certain
 from ..numbers import gather_numbers
 from .basis import Grid
-from .graded import GradedLayer
+from .graded import GradedLayer, mixture
 from .interfaces import MOST_ORDERS, RoughLayer, same_surface
 from .layers import Layer, MediumLayer, SmoothLayer, TurnedOver, numbers
 from .media import METHODS, Method
-from .phase import MOST_TERMS, PHASES, Phase, terms
-from .resolution import panel_counts
+from .mixture import parts
+from .phase import MOST_TERMS, Phase, series, terms
+from .resolution import panel_counts, squeeze
 
 #: nodes in a panel for a medium of g = 0.5, fewest, and most to begin with
 HALF, FEWEST, MOST = 15, 10, 160
@@ -55,23 +56,29 @@ def indices(stack: BoundStack) -> list[float]:
     return found[:-1] if stack.opaque else found
 
 
-def counts(stack: BoundStack, phases: list[Phase], accuracy: float) -> list[int]:
-    """Nodes per panel that should do."""
+def counts(
+    stack: BoundStack, phases: list[Phase], accuracy: float, complete: bool = False
+) -> tuple[list[int], float]:
+    """Nodes per panel that should do, and the `squeeze` of the first panel, which a `complete` stack has not."""
     alphas = [
         None if interface.flat else max(float(numbers(a)[0]) for a in interface.roughness())
         for interface in stack.interfaces
     ]
-    found = np.array(panel_counts(alphas, indices(stack), stack.opaque, accuracy), float)
-    for phase in phases:
-        mean = abs(float(phase.moments(2)[1]))
+    said = alphas, indices(stack), stack.opaque, accuracy, not complete and direct_is_certain(stack)
+    found = np.array(panel_counts(*said), float)
+    for part in (part for phase in phases for part in parts(phase)):
+        mean = abs(float(part.moments(2)[1]))
         found = np.maximum(found, max(HALF * (0.5 / max(1 - mean, 0.03)) ** 0.75, FEWEST))
-    return [int(np.ceil(min(n, MOST))) for n in found]
+    return [int(np.ceil(min(n, MOST))) for n in found], squeeze(*said)
 
 
 def phase_functions(stack: Stack) -> list[Phase]:
     """The phase functions of the media, from the top."""
-    phases = [layer.phase for layer in stack.layers if layer.is_medium]  # type: ignore[attr-defined]
-    return [PHASES[phase.kind](**dict(continuous(phase))) for phase in phases]
+    return [
+        mixture(layer) if isinstance(layer, GradedMedium) else series(layer.phase)  # type: ignore[attr-defined]
+        for layer in stack.layers
+        if layer.is_medium
+    ]
 
 
 def layers(
@@ -118,7 +125,9 @@ def layers(
         few = alone and not complete and direct_is_certain(stack)
         most = max(layer.orders for layer in found if layer is not None) if few else MOST_ORDERS
         again = None if few else _met(stack, grid, k, rough)
-        rough[k] = again or RoughLayer(interface, grid, k, tolerance, most=most)
+        # Nodes close together towards the normal are there for lobes, which take all orders.
+        every = complete or grid.panels[0].squeeze != 1
+        rough[k] = again or RoughLayer(interface, grid, k, tolerance, most=most, every=every)
         found.append(rough[k])
     return found[::-1]
 

@@ -9,11 +9,13 @@ light scattered once, comes back from the exact formula in `single` (Nakajima & 
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
+from .mixture import Mixture, parts
 from .phase import Phase, resolved, terms
 
 #: terms, as a share of those that the nodes can tell apart: light scattered twice is exact only up to half of these
@@ -41,14 +43,25 @@ class Truncated:
         """The first `count` terms of a phase function and the peaks that stand for the others.
 
         A peak is forward if the first two moments left out are positive, backward if they alternate in sign from
-        positive even ones; otherwise they are dropped.
+        positive even ones; otherwise they are dropped. A mixture has the peaks of its parts.
         """
+        if isinstance(phase, Mixture):
+            return cls._mixed([cls.of(part, count) for part in phase.parts], phase.shares)
         chi = phase.moments(count + 2)
         sign = (-1.0) ** np.arange(count + 2)
         forward = float(chi[count]) if (chi[count:] > 0).all() else 0.0
         backward = float(abs(chi[count])) if (sign * chi)[count:].min() > 0 and not forward else 0.0
         chi, sign = chi[:count], sign[:count]
         return cls((chi - forward - backward * sign) / (1 - forward), forward, backward)
+
+    @classmethod
+    def _mixed(cls, cuts: Sequence[Truncated], shares: Sequence[float]) -> Truncated:
+        """Of light that is scattered by each in its share."""
+        pairs = list(zip(cuts, shares, strict=True))
+        forward = sum(share * cut.forward for cut, share in pairs)
+        left = [share * (1 - cut.forward) / (1 - forward) for cut, share in pairs]
+        moments = np.sum([part * cut.moments for cut, part in zip(cuts, left, strict=True)], axis=0)
+        return cls(moments, forward, sum(part * cut.backward for cut, part in zip(cuts, left, strict=True)))
 
     @classmethod
     def fit(cls, phase: Phase, mu: np.ndarray, weights: np.ndarray, tolerance: float = 1e-9) -> Truncated:
@@ -63,11 +76,14 @@ class Truncated:
             mu, weights: (n,) the nodes.
             tolerance: what may be left out, relative to the peak of the phase function.
         """
-        needed, known = terms(phase, tolerance), resolved(mu, weights)
-        most = cls.of(phase, min(needed, known))
-        back, straight = phase.eval(np.array([-1.0, 1.0]))
-        harmful = most.forward * straight > FAINT * back
-        return cls.of(phase, int(SHARE * known)) if needed > known and harmful else most
+        pieces = parts(phase)
+        needed, known = max(terms(piece, tolerance) for piece in pieces), resolved(mu, weights)
+        cuts = [cls.of(piece, min(needed, known)) for piece in pieces]
+        if needed > known:
+            ends = [piece.eval(np.array([-1.0, 1.0])) for piece in pieces]
+            if any(cut.forward * end[1] > FAINT * end[0] for cut, end in zip(cuts, ends, strict=True)):
+                return cls.of(phase, int(SHARE * known))
+        return cls._mixed(cuts, phase.shares) if isinstance(phase, Mixture) else cuts[0]
 
     def scale(self, depth: Any, albedo: Any) -> tuple[Any, Any]:
         """Depth and albedo of the same medium, the forward peak not counted as scattering: numbers or arrays (C,)."""

@@ -93,12 +93,13 @@ class MediumLayer:
 
     def _scattering(self, orders: range, first: int) -> media.Scattering:
         if self._last is None or self._last[:2] != (orders, first):
-            cut = self.truncated
-            found = media.Scattering.build(
-                self.mu[first:], self.weights[first:], cut.moments, orders, cut.backward
-            )
-            self._last = orders, first, found
+            self._last = orders, first, self._scattered_by(self.truncated, orders, first)
         return self._last[2]
+
+    def _scattered_by(self, cut: Truncated, orders: range, first: int) -> media.Scattering:
+        return media.Scattering.build(
+            self.mu[first:], self.weights[first:], cut.moments, orders, cut.backward
+        )
 
     def slab(self, orders: range, first: int) -> Slab:
         if orders.start < self.orders:

@@ -116,6 +116,13 @@ PHASES: dict[str, Any] = {
 }
 
 
+def series(described: Any) -> Phase:
+    """The phase function of a description."""
+    numbers = {name: getattr(described, name) for name in type(described).model_fields}
+    found: Phase = PHASES[described.kind](**numbers)
+    return found
+
+
 def terms(phase: Phase, tolerance: float, times: int = 1) -> int:
     """How many terms the series needs: what is left out is, at its largest, `tolerance` of the peak.
 

@@ -106,7 +106,7 @@ def _integrate(
 
     def scatter(tau: float) -> tuple[np.ndarray, np.ndarray]:
         """P and B at an optical depth from where the integration began."""
-        t = height(tau / layer.depth)
+        t = min(max(height(tau / layer.depth), 0.0), 1.0)  # the ends of steps add up to it but for rounding
         even = odd = total = np.zeros(1)
         for scattering, profile in layer.constituents:
             albedo = np.atleast_1d(np.asarray(profile(t), float))

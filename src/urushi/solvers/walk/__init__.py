@@ -19,27 +19,19 @@ import sys
 from typing import Any
 
 from urushi import llvm
-from urushi.errors import UnsupportedStack
 from urushi.stack import Stack
 
 #: what `solve` takes besides the stack
 OPTIONS = ("samples", "seed", "max_depth", "parameters", "backend", "precision", "mode")
 
 
-def reasons_against(stack: Stack) -> list[str]:
-    """What of this stack the walk cannot do; empty if it can."""
-    return [
-        f"layers[{i}] is a graded medium, in which the walk knows no way from one collision to the next"
-        for i, layer in enumerate(stack.layers)
-        if layer.kind == "graded"
-    ]
+def reasons_against(_stack: Stack) -> list[str]:
+    """What of a stack the walk cannot do: nothing."""
+    return []
 
 
 def solve(stack: Stack, **options: Any) -> Any:
     """A `WalkBSDF`; see `urushi.solvers.walk.result.WalkBSDF` for the options."""
-    reasons = reasons_against(stack)
-    if reasons:
-        raise UnsupportedStack("walk", reasons)
     if "drjit" not in sys.modules:
         llvm.prepare()  # before Dr.Jit takes the first LLVM it finds
     from .result import WalkBSDF

@@ -216,6 +216,9 @@ class LiveMedium:
         self.depth, self.albedo, self.scatters = live.depth, live.albedo, live.scatters
         self.phase = LivePhase(live.phase, still.phase)
 
+    def phase_at(self, t: Array) -> LivePhase:
+        return LivePhase(self.live.phase_at(t), self.still.phase_at(t))
+
     def transmittance(self, distance: Array, inv_cos: Array) -> Array:
         return self.live.transmittance(distance, inv_cos)
 

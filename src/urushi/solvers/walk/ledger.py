@@ -17,6 +17,7 @@ from urushi.errors import UrushiError
 
 from ...interfaces import BoundDiffuse, Scatter
 from ...media import inverse_cosine
+from ...media.homogeneous import Flight
 from ...optics.vectors import Array, Vector
 from ..arrays import LANES, fill
 from ..bound import BoundStack
@@ -66,13 +67,14 @@ class Tally:
         self.met(state, k, w, event, None if opaque else on, here)
         return [spectrum(value) for value in state["counts"]]
 
-    def flown(self, s: Any, region: int, here: Any) -> None:
-        """Charge the medium of a region for the whole flight ahead of the lanes `here`."""
+    def flown(self, s: Any, region: int, here: Any, flight: Flight | None = None) -> None:
+        """Charge the medium of a region for the whole flight ahead of the lanes `here`; None where none collides."""
         medium, d = self.stack.media[region], s["d"]
         assert medium is not None
         ahead = dr.select(d.z < 0, 1 - s["t"], s["t"])
         gone = 1 - medium.transmittance(ahead, inverse_cosine(d.z))
-        self._count(s, self.media[region], s["throughput"] * ((1 - medium.albedo) * gone), here)
+        kept = gone if flight is None else medium.absorbed(gone, flight)
+        self._count(s, self.media[region], s["throughput"] * kept, here)
 
     def met(self, s: Any, k: int, w: Vector, event: Scatter, out: Scatter | None, here: Any) -> None:
         """Charge interface k for what it did not give back of the lanes `here`.

@@ -130,17 +130,18 @@ def _advance(stack: BoundStack, s: State, region: int, down: bool, tally: Any = 
     """One region, and the interface ahead."""
     d, rng, medium = s["d"], s["rng"], stack.media[region]
     here = (s["region"] == region) & ((d.z < 0) if down else (d.z >= 0))
-    if tally is not None and medium is not None:
-        tally.flown(s, region, here)
     if medium is not None and medium.scatters:
         channel = uniform(rng, d) if channels(medium.depth) else 0.0
         flight = medium.fly(s["t"], d, s["throughput"], uniform(rng, d), uniform(rng, d), channel)
-        after = medium.phase.sample(d, uniform(rng, d), uniform(rng, d))
+        if tally is not None:
+            tally.flown(s, region, here, flight)
+        phase = medium.phase_at(flight.t)
+        after = phase.sample(d, uniform(rng, d), uniform(rng, d))
         hit = here & flight.collided
         s["throughput"] = dr.select(here, s["throughput"] * flight.weight, s["throughput"])
         if stack.still is not None:
             s["throughput"] = dr.select(
-                hit, s["throughput"] * relative(medium.phase.eval(d, after)), s["throughput"]
+                hit, s["throughput"] * relative(phase.eval(d, after)), s["throughput"]
             )
         s["d"] = d = dr.select(hit, after, d)
         s["t"] = dr.select(hit, flight.t, s["t"])
@@ -149,6 +150,8 @@ def _advance(stack: BoundStack, s: State, region: int, down: bool, tally: Any = 
             s["calm"] = s["calm"] & negate(hit)
         here = here & negate(flight.collided)
     elif medium is not None:
+        if tally is not None:
+            tally.flown(s, region, here)
         passed = medium.transmittance(1.0, inverse_cosine(d.z))
         s["throughput"] = dr.select(here, s["throughput"] * passed, s["throughput"])
     k = region if down else region - 1
