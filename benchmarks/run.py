@@ -84,7 +84,9 @@ def main(arguments: list[str] | None = None) -> int:
     parser.add_argument(
         "--only", choices=PARTS, action="append", help="measure this one (again); may be repeated"
     )
-    parser.add_argument("--note", help="a sentence for the page: what a reader should know of this run")
+    parser.add_argument(
+        "--note", help="a sentence for the page: what a reader should know of this run; '' for none"
+    )
     parser.add_argument("-o", "--output", type=Path, help="folder for README.md and results.json")
     options = parser.parse_args(arguments)
     parts = options.only or PARTS
@@ -101,7 +103,7 @@ def main(arguments: list[str] | None = None) -> int:
     if options.only and folder and (folder / "results.json").exists():
         results = json.loads((folder / "results.json").read_text("utf-8"))  # the other parts stay as they are
     results["machine"] = machine()
-    if options.note:
+    if options.note is not None:
         results["note"] = options.note
     for name in parts:
         start = time.perf_counter()
