@@ -46,7 +46,7 @@ class Exit:
     jacobian: Array
     region: Any
     places: set[tuple[int, bool]]
-    inv_cos: Array = None
+    inv_cos: Array | None = None
     across: dict[int, Array | None] = field(default_factory=dict)
 
     def meets(self, region: int, up: bool) -> Any:
@@ -75,9 +75,9 @@ class Exit:
         """The same with other `numbers`."""
         end = Exit(c, weight, pdf, jacobian, region, self.places)
         end.inv_cos = inverse_cosine(end.c.z)
-        for region in stack.regions:
-            medium = stack.media[region]
-            end.across[region] = None if medium is None else medium.transmittance(1.0, end.inv_cos)
+        for each in stack.regions:
+            medium = stack.media[each]
+            end.across[each] = None if medium is None else medium.transmittance(1.0, end.inv_cos)
         return end
 
 
