@@ -42,7 +42,7 @@ def command(
         "refuse", help="With .bsdf: what to do with light that leaves in one direction only."
     ),
 ) -> None:
-    """Solve a material by adding and write the result; interrupted, the same command goes on where it stopped."""
+    """Solve a material by adding and write the result. Interrupted, the same command goes on where it stopped."""
     start = time.perf_counter()
     if not output.name.lower().endswith(ENDINGS):
         raise WrongUsage(f"cannot write {str(output)!r}: the name must end in {' or '.join(ENDINGS)}")

@@ -37,7 +37,7 @@ def command(
     ),
     as_json: bool = typer.Option(False, "--json", help="Print the outcome as JSON and nothing else."),
 ) -> None:
-    """Check a material or a BSDF: energy, reciprocity, normalisation and the rest; exit status 1 if a law is broken."""
+    """Check a material or a BSDF by the laws of physics. Exit status 1 if one is broken."""
     heading, origin, answers = _asked(material, method, bsdf, common.values(values))
     if not as_json:
         typer.echo(heading)

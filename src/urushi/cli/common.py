@@ -49,8 +49,8 @@ def load(material: str) -> Stack:
     import urushi
 
     if material.startswith("preset:"):
-        if (name := material.removeprefix("preset:")) not in urushi.presets():
-            names = urushi.presets()
+        names = urushi.presets()
+        if (name := material.removeprefix("preset:")) not in names:
             raise WrongUsage(
                 f"there is no preset {name!r}; {close(name, names)}there are: {', '.join(names)}"
             )
@@ -118,8 +118,8 @@ def known_method(method: str) -> None:
     """Refuse a name that is no method."""
     from urushi.solvers import SOLVERS
 
-    if method not in (*SOLVERS, "auto"):
-        names = [*SOLVERS, "auto"]
+    names = [*SOLVERS, "auto"]
+    if method not in names:
         raise WrongUsage(f"--method is {method!r}; {close(method, names)}allowed: {', '.join(names)}")
 
 

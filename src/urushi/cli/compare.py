@@ -36,7 +36,7 @@ def command(
     json: Path | None = typer.Option(None, "--json", help="Write all numbers to this file."),
     html: Path | None = typer.Option(None, "--html", help="Write one page, with figures, to this file."),
 ) -> None:
-    """Compare methods, and any other BSDF, on one material or several: errors, noise, times, and a verdict."""
+    """Compare methods, and any other BSDF, on materials. Errors, noise, times, and a verdict for each."""
     asked = [name.strip() for name in methods.split(",") if name.strip()]
     if not asked:
         raise WrongUsage(f"--methods is {methods!r}; allowed: some of {METHODS}")

@@ -12,7 +12,7 @@ from urushi.cli import common
 def command(
     name: str | None = typer.Argument(None, help="Print the file of this one; a good start for your own."),
 ) -> None:
-    """List the materials that come with Urushi, or print the file of one."""
+    """List the materials that come along, or print the file of one."""
     import urushi
 
     if name is not None:

@@ -13,7 +13,7 @@ from urushi.cli import common
 def command(
     output: Path | None = typer.Option(None, "-o", "--output", help="A .json file; else standard output."),
 ) -> None:
-    """Print the JSON schema of a material file, for completion and checking in an editor."""
+    """Print the JSON schema of a material file. For completion and checking in an editor."""
     import urushi
 
     text = json.dumps(urushi.schema(), indent=2, ensure_ascii=False) + "\n"
