@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import importlib
 import os
+import sys
 from collections.abc import Callable
 from pathlib import Path
 from types import ModuleType
@@ -17,6 +18,8 @@ from urushi.errors import UrushiError
 
 #: what the fixture `tool` is
 Tool = Callable[[str], ModuleType]
+#: what the fixture `command` is: words after `urushi` -> exit status, standard output, standard error
+Command = Callable[..., tuple[int, str, str]]
 
 SEED = 20240731
 """Where all random numbers of the suite start. It is never changed to make a test pass."""
@@ -54,6 +57,28 @@ def tool(monkeypatch: pytest.MonkeyPatch) -> Tool:
     """Imports a module of the folder tools, by its name; while the test runs, they find one another."""
     monkeypatch.syspath_prepend(str(Path(__file__).parents[1] / "tools"))
     return importlib.import_module
+
+
+@pytest.fixture
+def command(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], tmp_path: Path) -> Command:
+    """Runs the command line in a folder of its own, which is `tmp_path`."""
+    from urushi import cli
+    from urushi.cli import common
+
+    monkeypatch.chdir(tmp_path)
+
+    def run(*args: str) -> tuple[int, str, str]:
+        monkeypatch.setattr(sys, "argv", ["urushi", *args])
+        monkeypatch.setattr(common, "DEBUG", False)
+        status = 0
+        try:
+            cli.main()
+        except SystemExit as end:
+            status = int(end.code or 0)
+        text = capsys.readouterr()
+        return status, text.out, text.err
+
+    return run
 
 
 @pytest.fixture

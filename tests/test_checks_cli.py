@@ -3,16 +3,12 @@
 from __future__ import annotations
 
 import json
-import sys
-from collections.abc import Callable
-from pathlib import Path
 from typing import Any
 
 import pytest
 
+from conftest import Command
 from lanes import needs_llvm
-from urushi import cli
-from urushi.cli import common
 
 pytestmark = needs_llvm
 
@@ -21,23 +17,8 @@ WRONG = '{"type": "principledthin", "roughness": 0.5, "spec_trans": 0.5, "diff_t
 
 
 @pytest.fixture
-def run(
-    monkeypatch: pytest.MonkeyPatch, capsys: Any, tmp_path: Path, mi: Any
-) -> Callable[..., tuple[int, str, str]]:
-    monkeypatch.chdir(tmp_path)
-
-    def run(*args: str) -> tuple[int, str, str]:
-        monkeypatch.setattr(sys, "argv", ["urushi", *args])
-        monkeypatch.setattr(common, "DEBUG", False)
-        status = 0
-        try:
-            cli.main()
-        except SystemExit as end:
-            status = int(end.code or 0)
-        text = capsys.readouterr()
-        return status, text.out, text.err
-
-    return run
+def run(command: Command, mi: Any) -> Command:
+    return command
 
 
 def test_a_right_bsdf_and_a_wrong_one(run: Any) -> None:

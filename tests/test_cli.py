@@ -15,7 +15,6 @@ import numpy as np
 import pytest
 
 import urushi
-from urushi import cli
 from urushi.adapters import scene as builtin
 from urushi.checks import Report
 from urushi.cli import common, render
@@ -55,25 +54,12 @@ INCLUDED = """\
 
 
 @pytest.fixture
-def run(monkeypatch, capsys, tmp_path):
-    """Run the command line in a folder of its own; gives (exit status, standard output, standard error)."""
-    monkeypatch.chdir(tmp_path)
+def run(command, tmp_path):
+    """The command line, where there are a material and a scene."""
     (tmp_path / "varnish.yaml").write_text(MATERIAL)
     (tmp_path / "scene.xml").write_text(SCENE)
     (tmp_path / "materials.xml").write_text(INCLUDED)
-
-    def run(*args: str) -> tuple[int, str, str]:
-        monkeypatch.setattr(sys, "argv", ["urushi", *args])
-        monkeypatch.setattr(common, "DEBUG", False)
-        status = 0
-        try:
-            cli.main()
-        except SystemExit as end:
-            status = int(end.code or 0)
-        text = capsys.readouterr()
-        return status, text.out, text.err
-
-    return run
+    return command
 
 
 @pytest.fixture

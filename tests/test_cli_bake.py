@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import fnmatch
-import sys
+from functools import partial
 
 import numpy as np
 import pytest
@@ -12,7 +12,6 @@ import urushi as ur
 from outside import degrees
 from urushi import cli
 from urushi.adapters import fourier, native
-from urushi.cli import common
 from urushi.solvers.adding import whole
 
 MATERIAL = """\
@@ -25,24 +24,11 @@ layers:
 
 
 @pytest.fixture
-def run(monkeypatch, capsys, tmp_path):
-    monkeypatch.chdir(tmp_path)
+def run(command, tmp_path):
     (tmp_path / "varnish.yaml").write_text(MATERIAL)
     (tmp_path / "smooth.yaml").write_text(MATERIAL.replace(", alpha: 0.4", ""))
     (tmp_path / "brushed.yaml").write_text(MATERIAL.replace("0.4", "[0.1, 0.4]"))
-
-    def run(*args):
-        monkeypatch.setattr(sys, "argv", ["urushi", "bake", *args])
-        monkeypatch.setattr(common, "DEBUG", False)
-        status = 0
-        try:
-            cli.main()
-        except SystemExit as end:
-            status = int(end.code or 0)
-        text = capsys.readouterr()
-        return status, text.out, text.err
-
-    return run
+    return partial(command, "bake")
 
 
 def names(folder):

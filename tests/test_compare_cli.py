@@ -3,16 +3,13 @@
 from __future__ import annotations
 
 import json
-import sys
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import pytest
 
+from conftest import Command
 from lanes import needs_llvm
-from urushi import cli
-from urushi.cli import common
 from urushi.comparison import clock
 
 pytestmark = needs_llvm
@@ -27,26 +24,11 @@ layers:
 
 
 @pytest.fixture
-def run(
-    monkeypatch: pytest.MonkeyPatch, capsys: Any, tmp_path: Path, mi: Any
-) -> Callable[..., tuple[int, str, str]]:
-    monkeypatch.chdir(tmp_path)
+def run(command: Command, monkeypatch: pytest.MonkeyPatch, mi: Any) -> Command:
     monkeypatch.setattr(clock, "SECONDS", 0.003)
     monkeypatch.setattr(clock, "ROUNDS", 2)
     Path("varnish.yaml").write_text(MATERIAL)
-
-    def run(*args: str) -> tuple[int, str, str]:
-        monkeypatch.setattr(sys, "argv", ["urushi", *args])
-        monkeypatch.setattr(common, "DEBUG", False)
-        status = 0
-        try:
-            cli.main()
-        except SystemExit as end:
-            status = int(end.code or 0)
-        text = capsys.readouterr()
-        return status, text.out, text.err
-
-    return run
+    return command
 
 
 def test_a_table_a_page_and_numbers(run: Any) -> None:

@@ -2,12 +2,9 @@
 
 from __future__ import annotations
 
-import sys
+from functools import partial
 
 import pytest
-
-from urushi import cli
-from urushi.cli import common
 
 MATERIAL = """\
 urushi: 1
@@ -19,23 +16,10 @@ layers:
 
 
 @pytest.fixture
-def run(monkeypatch, capsys, tmp_path):
-    """Run `urushi plot` in a folder of its own; gives (exit status, standard output, standard error)."""
-    monkeypatch.chdir(tmp_path)
+def run(command, tmp_path):
+    """`urushi plot`, where there is a material."""
     (tmp_path / "varnish.yaml").write_text(MATERIAL)
-
-    def run(*args):
-        monkeypatch.setattr(sys, "argv", ["urushi", "plot", *args])
-        monkeypatch.setattr(common, "DEBUG", False)
-        status = 0
-        try:
-            cli.main()
-        except SystemExit as end:
-            status = int(end.code or 0)
-        text = capsys.readouterr()
-        return status, text.out, text.err
-
-    return run
+    return partial(command, "plot")
 
 
 def test_a_figure_of_two_materials_goes_where_it_is_asked(run, tmp_path):
