@@ -45,6 +45,36 @@ def degrees(theta: Any, phi: Any = 0.0) -> np.ndarray:
     return np.stack([np.sin(theta) * np.cos(phi), np.sin(theta) * np.sin(phi), np.cos(theta)], axis=1)
 
 
+def guo(case: dict[str, Any]) -> tuple[ur.Stack, np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """A case of Guo et al. 2018: the stack, wi and wo (N, 3), values f |cos| and their standard errors (N, 3)."""
+    if isinstance(case["layers"], str):
+        gold = ur.Conductor(
+            eta=(0.143, 0.375, 1.442), k=(3.983, 2.386, 1.603), alpha=0.2, masking="separable"
+        )
+        layers = ur.Stack(layers=[ur.Dielectric(ior=1.5, alpha=0.1, masking="separable"), gold])
+    else:
+        layers = stack(case["layers"])
+    theta_i, theta_o, phi = np.array([value["triple"] for value in case["values"]]).T
+    truth, error = (np.array([value[key] for value in case["values"]]) for key in ("f_cos", "stderr"))
+    return layers, degrees(theta_i), degrees(theta_o, phi), truth, error
+
+
+def disort(case: dict[str, Any]) -> tuple[ur.Stack, np.ndarray, dict[str, np.ndarray]]:
+    """A slab that DISORT solved: the stack, wi (1, 3), and wo (N, 3) of its tables of the BSDF, "brdf" and "btdf"."""
+    phase = ur.HenyeyGreenstein(g=case["g"])
+    slab = ur.Stack(layers=[ur.Medium(depth=case["tau"], albedo=case["omega"], phase=phase)])
+    mu0 = case["mu0"]
+    # What the table calls azimuth 0 goes on the way it came, on the other side of the normal from wi.
+    grids = np.meshgrid(case["mus"], np.array(case["phis"]) + np.pi, indexing="ij")
+    mus, phis = (grid.ravel() for grid in grids)
+    sin = np.sqrt(1 - mus**2)
+    wo = {
+        table: np.stack([sin * np.cos(phis), sin * np.sin(phis), sign * mus], axis=1)
+        for table, sign in (("brdf", 1), ("btdf", -1))
+    }
+    return slab, np.array([[np.sqrt(1 - mu0**2), 0.0, mu0]]), wo
+
+
 class Tally:
     """All comparisons with one source: none may be far off, and all together may not drift to one side."""
 

@@ -11,7 +11,7 @@ import pytest
 
 import urushi as ur
 from lanes import needs_llvm
-from outside import SIGMAS, cases, degrees, stack
+from outside import SIGMAS, cases, degrees, disort, guo, stack
 from quadrature import gauss
 from urushi.interfaces.energy import directional, hemispherical
 from urushi.solvers.adding.build import bind_numbers
@@ -34,19 +34,10 @@ def within(found: Any, truth: Any, error: Any, margin: float) -> None:
 @pytest.mark.parametrize("case", cases("slab_disort"), ids=lambda c: f"{c['tau']} {c['g']} {c['mu0']}")
 def test_discrete_ordinates(case: dict) -> None:
     """DISORT: R, T and every angle of Henyey-Greenstein slabs without boundaries, to 1e-4."""
-    slab = ur.Stack(
-        layers=[ur.Medium(depth=case["tau"], albedo=case["omega"], phase=ur.HenyeyGreenstein(g=case["g"]))]
-    )
+    slab, wi, tables = disort(case)
     bsdf = ur.solve(slab, "adding", accuracy=1e-4)
-    wi = along(case["mu0"])
-    # What the table calls azimuth 0 goes on the way it came, on the other side of the normal from wi.
-    mus, phis = (
-        grid.ravel() for grid in np.meshgrid(case["mus"], np.array(case["phis"]) + np.pi, indexing="ij")
-    )
-    for sign, table in ((1, "brdf"), (-1, "btdf")):
-        sin = np.sqrt(1 - mus**2)
-        wo = np.stack([sin * np.cos(phis), sin * np.sin(phis), sign * mus], axis=1)
-        within(bsdf.eval(wi, wo)[:, 0] / mus, np.ravel(case[table]), 0, 1e-4)
+    for table, wo in tables.items():
+        within(bsdf.eval(wi, wo)[:, 0] / np.abs(wo[:, 2]), np.ravel(case[table]), 0, 1e-4)
     within(bsdf.reflectance(wi)[:, 0], case["R"], 0, 1e-4)
     within(bsdf.transmittance(wi)[:, 0], case["T"], 0, 1e-4)
 
@@ -103,17 +94,8 @@ def test_a_closed_form() -> None:
 def test_guo(name: str) -> None:
     """Guo's walk, repaired, in double precision."""
     case = next(case for case in cases("guo") if case["name"] == name)
-    if isinstance(case["layers"], str):
-        gold = ur.Conductor(
-            eta=(0.143, 0.375, 1.442), k=(3.983, 2.386, 1.603), alpha=0.2, masking="separable"
-        )
-        layers = ur.Stack(layers=[ur.Dielectric(ior=1.5, alpha=0.1, masking="separable"), gold])
-    else:
-        layers = stack(case["layers"])
-    bsdf = ur.solve(layers, "adding")
-    theta_i, theta_o, phi = np.array([value["triple"] for value in case["values"]]).T
-    truth, error = (np.array([value[key] for value in case["values"]]) for key in ("f_cos", "stderr"))
-    within(bsdf.eval(degrees(theta_i), degrees(theta_o, phi)), truth, error, 1e-3)
+    layers, wi, wo, truth, error = guo(case)
+    within(ur.solve(layers, "adding").eval(wi, wo), truth, error, 1e-3)
 
 
 @pytest.mark.slow

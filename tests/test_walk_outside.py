@@ -8,7 +8,7 @@ import pytest
 
 import urushi as ur
 from lanes import needs_llvm
-from outside import Tally, cases, degrees, stack
+from outside import Tally, cases, degrees, disort, guo, stack
 from quadrature import gauss
 from urushi.solvers import BSDF
 
@@ -41,16 +41,8 @@ def test_guo() -> None:
     """Case a is a closed form (quadrature to 1e-6); b and c are Guo's walk, repaired, in double precision."""
     tally = Tally()
     for case in cases("guo"):
-        if isinstance(case["layers"], str):
-            gold = ur.Conductor(
-                eta=(0.143, 0.375, 1.442), k=(3.983, 2.386, 1.603), alpha=0.2, masking="separable"
-            )
-            layers = ur.Stack(layers=[ur.Dielectric(ior=1.5, alpha=0.1, masking="separable"), gold])
-        else:
-            layers = stack(case["layers"])
-        theta_i, theta_o, phi = np.array([value["triple"] for value in case["values"]]).T
-        truth, error = (np.array([value[key] for value in case["values"]]) for key in ("f_cos", "stderr"))
-        found, found_error = solve(layers).eval(degrees(theta_i), degrees(theta_o, phi), with_error=True)
+        layers, wi, wo, truth, error = guo(case)
+        found, found_error = solve(layers).eval(wi, wo, with_error=True)
         # One channel stands for three where nothing is coloured; a colour's channels share their paths.
         tally.add("guo " + case["name"], found[:, :1], found_error[:, :1], truth[:, :1], error[:, :1])
         tally.add("guo " + case["name"], found[:, 1:], found_error[:, 1:], truth[:, 1:], error[:, 1:])
@@ -78,22 +70,11 @@ def test_pbrt() -> None:
 def test_discrete_ordinates(case: dict) -> None:
     """DISORT: R, T and every angle of Henyey-Greenstein slabs without boundaries (64 streams: good to about 1e-4)."""
     tally = Tally()
-    slab = ur.Stack(
-        layers=[ur.Medium(depth=case["tau"], albedo=case["omega"], phase=ur.HenyeyGreenstein(g=case["g"]))]
-    )
+    slab, wi, tables = disort(case)
     bsdf = solve(slab, 1 << 15)
-    mu0 = case["mu0"]
-    wi = np.array([[np.sqrt(1 - mu0**2), 0.0, mu0]])
-    # What the table calls azimuth 0 goes on the way it came, on the other side of the normal from wi.
-    mus, phis = (
-        grid.ravel() for grid in np.meshgrid(case["mus"], np.array(case["phis"]) + np.pi, indexing="ij")
-    )
-    for sign, table in ((1, "brdf"), (-1, "btdf")):
-        sin = np.sqrt(1 - mus**2)
-        wo = np.stack([sin * np.cos(phis), sin * np.sin(phis), sign * mus], axis=1)
-        found, error = bsdf.eval(wi, wo, with_error=True)
-        truth = np.ravel(case[table])
-        tally.add(table, found[:, 0] / mus, error[:, 0] / mus, truth, 0, rounding=3e-4)
+    for table, wo in tables.items():
+        found, error = (x[:, 0] / np.abs(wo[:, 2]) for x in bsdf.eval(wi, wo, with_error=True))
+        tally.add(table, found, error, np.ravel(case[table]), 0, rounding=3e-4)
     for flux, key in ((bsdf.reflectance, "R"), (bsdf.transmittance, "T")):
         found, error = flux(wi, with_error=True)
         tally.add(key, found[:, 0], error[:, 0], case[key], 0, rounding=2e-4)

@@ -24,6 +24,7 @@ import numpy as np
 ROOT = Path(__file__).resolve().parent.parent
 sys.path[:0] = [str(ROOT / "tests"), str(ROOT / "benchmarks")]
 
+import outside  # noqa: E402
 import run as benchmarks  # noqa: E402
 import urushi as ur  # noqa: E402
 from outside import cases, degrees, stack  # noqa: E402
@@ -102,22 +103,14 @@ def geometry() -> Iterator[Case]:
 def slab_disort() -> Iterator[Case]:
     """Slabs without boundaries, by discrete ordinates."""
     for case in cases("slab_disort"):
-        phase = ur.HenyeyGreenstein(g=case["g"])
-        slab = ur.Stack(layers=[ur.Medium(depth=case["tau"], albedo=case["omega"], phase=phase)])
-        wi = along(case["mu0"])
-        grids = np.meshgrid(case["mus"], np.array(case["phis"]) + np.pi, indexing="ij")
-        mus, phis = (grid.ravel() for grid in grids)
-        sin, name = np.sqrt(1 - mus**2), f"depth {case['tau']}, g {case['g']}, cosine {case['mu0']}"
-        for sign, table, key, fluxes in (
-            (1, "brdf", "R", "reflectance"),
-            (-1, "btdf", "T", "transmittance"),
-        ):
-            wo = np.stack([sin * np.cos(phis), sin * np.sin(phis), sign * mus], axis=1)
+        slab, wi, tables = outside.disort(case)
+        name = f"depth {case['tau']}, g {case['g']}, cosine {case['mu0']}"
+        for table, key, fluxes in (("brdf", "R", "reflectance"), ("btdf", "T", "transmittance")):
             yield (
                 f"{name}, {table}",
                 slab,
                 {
-                    "f": density(wi, wo, np.ravel(case[table]), cosine=True),
+                    "f": density(wi, tables[table], np.ravel(case[table]), cosine=True),
                     "R, T": flux(wi, [case[key]], name=fluxes),
                 },
             )
@@ -148,21 +141,9 @@ def slab_glass() -> Iterator[Case]:
 def guo() -> Iterator[Case]:
     """A closed form, and the walk of Guo et al. 2018, repaired."""
     for case in cases("guo"):
-        if isinstance(case["layers"], str):
-            gold = ur.Conductor(
-                eta=(0.143, 0.375, 1.442), k=(3.983, 2.386, 1.603), alpha=0.2, masking="separable"
-            )
-            layers = ur.Stack(layers=[ur.Dielectric(ior=1.5, alpha=0.1, masking="separable"), gold])
-        else:
-            layers = stack(case["layers"])
-        theta_i, theta_o, phi = np.array([value["triple"] for value in case["values"]]).T
-        truth, error = (np.array([value[key] for value in case["values"]]) for key in ("f_cos", "stderr"))
+        layers, wi, wo, truth, error = outside.guo(case)
         # The channels of a walk share their paths: one of them is compared.
-        yield (
-            case["name"],
-            layers,
-            {"f": density(degrees(theta_i), degrees(theta_o, phi), truth[:, 0], error[:, 0])},
-        )
+        yield case["name"], layers, {"f": density(wi, wo, truth[:, 0], error[:, 0])}
 
 
 def pbrt() -> Iterator[Case]:
