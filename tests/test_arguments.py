@@ -24,6 +24,7 @@ def test_no_directions_have_no_values(method: str, options: dict[str, Any]) -> N
         assert bsdf.eval(NONE, wo).shape == bsdf.eval(wo, NONE).shape == (0, 3)
         assert bsdf.pdf(NONE, wo).shape == (0,)
     assert bsdf.reflectance(NONE).shape == bsdf.transmittance(NONE).shape == (0, 3)
+    assert bsdf.absorption(NONE).absorbed[1].shape == (0, 3)
     drawn = bsdf.sample(NONE, NONE)
     assert drawn.wo.shape == drawn.weight.shape == (0, 3) and drawn.pdf.shape == drawn.delta.shape == (0,)
     if options.get("samples") != 1:

@@ -111,7 +111,8 @@ class Stack(Description):
         MaterialError: a value is not allowed, or an opaque layer is not the last one.
 
     Example:
-        >>> Stack(name="varnish", layers=[Dielectric(ior=1.5, alpha=0.1), Diffuse(reflectance=(0.5, 0.3, 0.1))])
+        >>> varnish, wood = Dielectric(ior=1.5, alpha=0.1), Diffuse(reflectance=(0.5, 0.3, 0.1))
+        >>> Stack(name="varnish", layers=[varnish, wood])
         Stack(
             name='varnish',
             layers=[

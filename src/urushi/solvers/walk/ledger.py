@@ -19,7 +19,7 @@ from ...interfaces import BoundDiffuse, Scatter
 from ...media import inverse_cosine
 from ...media.homogeneous import Flight
 from ...optics.vectors import Array, Vector
-from ..arrays import LANES, fill
+from ..arrays import LANES, NONE, fill
 from ..bound import BoundStack
 from ..ledger import Errors, Ledger, coloured, filed, owners
 from .core import WalkCore
@@ -136,14 +136,14 @@ def _moments(
 
     blocks, share = bsdf.blocks()
     results: list[np.ndarray] = []
-    step = max(LANES // blocks, 1)
-    for start in range(0, len(wi), step):
-        out = bsdf._launch(run, (wi,), start, min(start + step, len(wi)), blocks)
+    rows, step = wi if len(wi) else NONE, max(LANES // blocks, 1)
+    for start in range(0, len(rows), step):
+        out = bsdf._launch(run, (rows,), start, min(start + step, len(rows)), blocks)
         moments = [np.einsum("rb...,b->r...", x, share, optimize=False) for x in out]
         mean, square = moments[: tally.size], moments[tally.size :]
         spread = [np.maximum(b - np.square(a), 0) for a, b in zip(mean, square, strict=True)]
-        fill(results, [*mean, *(np.sqrt(x / max(bsdf.samples - 1, 1)) for x in spread)], len(wi), start)
-    found = [coloured(x) for x in results]
+        fill(results, [*mean, *(np.sqrt(x / max(bsdf.samples - 1, 1)) for x in spread)], len(rows), start)
+    found = [coloured(x[: len(wi)]) for x in results]
     return found[: tally.size], found[tally.size :], tally
 
 
