@@ -92,6 +92,22 @@ def test_a_footprint_turns_what_it_covers_into_roughness(mi: Any) -> None:
         layered(mi, footprint=1.0, layer_0=noise)
 
 
+def test_a_file_of_bytes_is_averaged_as_it_is_read(mi: Any, tmp_path: Path) -> None:
+    """Bytes of a normal map are numbers, with a footprint as without one: no sRGB curve is taken off them."""
+    normal = np.array([0.2, -0.1, 1.0])
+    texels = np.rint(255 * (0.5 + 0.5 * normal / np.linalg.norm(normal))).astype(np.uint8)
+    mi.Bitmap(np.ascontiguousarray(np.broadcast_to(texels, (4, 8, 3)))).write(str(tmp_path / "normal.png"))
+    gold = ur.Conductor(material="Au", alpha=0.3, normal=ur.Texture(tmp_path / "normal.png"))
+    ur.save(ur.Stack(layers=[gold]), tmp_path / "gold.yaml")
+    near, far = (
+        Asked.of(mi, layered(mi, filename=str(tmp_path / "gold.yaml"), method="lobes", **options), WI).value(
+            WO
+        )
+        for options in ({}, {"footprint": 0.5})
+    )
+    np.testing.assert_allclose(far, near, rtol=1e-3, atol=1e-5)
+
+
 @pytest.mark.parametrize("variant", ["llvm_ad_mono", "llvm_ad_spectral", "scalar_rgb"])
 def test_other_variants(variant: str) -> None:
     """The metal that the normal faces: the same geometry, whatever the colours."""

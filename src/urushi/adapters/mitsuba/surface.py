@@ -289,10 +289,10 @@ def _seen_from_afar(mi: Any, stack: Stack, given: dict[str, Any], footprint: flo
 
 def _texels(mi: Any, source: Any, name: str) -> np.ndarray:
     if isinstance(source, Texture):
-        bitmap = mi.Bitmap(str(source.path)).convert(
-            mi.Bitmap.PixelFormat.RGB, mi.Struct.Type.Float32, srgb_gamma=False
-        )
-        return np.array(bitmap)
+        bitmap = mi.Bitmap(str(source.path))
+        if source.raw:
+            bitmap.set_srgb_gamma(False)  # bytes, too, are the numbers themselves
+        return np.array(bitmap.convert(mi.Bitmap.PixelFormat.RGB, mi.Struct.Type.Float32, srgb_gamma=False))
     data = dict(mi.traverse(source)).get("data")
     if data is None:
         raise MaterialError(f"found a {source.class_name()}; allowed with a footprint: an image", where=name)
