@@ -97,11 +97,11 @@ OPTIONS = {
     "unknown": (
         GOLD | {"alfa": 0.1},
         "found 'alfa'; allowed: filename, method, footprint, samples, seed, max_depth, accuracy, nodes, orders, "
-        "corners, published, symmetric, layer_N, thickness_N",
+        "media, corners, published, symmetric, layer_N, thickness_N",
     ),
     "no such method": (
         GOLD | {"method": "wlak"},
-        "layered.method: found 'wlak'; allowed: walk, adding, lobes, auto",
+        "layered.method: found 'wlak'; did you mean 'walk'? allowed: walk, adding, lobes, auto",
     ),
     "method a number": (GOLD | {"method": 3}, "layered.method: found 3; allowed: walk, adding, lobes, auto"),
     "another method's option": (

@@ -34,7 +34,6 @@ replay of the same path sees the same values. Light is treated as unpolarised in
 
 from __future__ import annotations
 
-import difflib
 import math
 import re
 from typing import Any
@@ -42,7 +41,7 @@ from typing import Any
 import drjit as dr
 
 from urushi.description.base import inside
-from urushi.errors import MaterialError
+from urushi.errors import MaterialError, close
 from urushi.io import load
 from urushi.solvers.smooth import has_delta
 
@@ -79,7 +78,7 @@ def make_plugin(mi: Any) -> Any:
         def __init__(self, props: Any) -> None:
             mi.BSDF.__init__(self, props)
             self.stack, sources = self._describe(props)
-            method = _method(props, self.stack)
+            method = _method(props)
             try:
                 self.surface = Surface(mi, self.stack, sources, _footprint(props))
             except MaterialError as error:
@@ -220,10 +219,9 @@ def _described(mi: Any, props: Any) -> tuple[Any, dict[str, Any]]:
         elif isinstance(props[key], mi.Object):
             children[key] = props[key]
         elif key not in OPTIONS:
-            near = difflib.get_close_matches(key, [*OPTIONS, "thickness_0"], n=1)
-            hint = f"did you mean {near[0]!r}? " if near else ""
+            near = close(key, [*OPTIONS, "thickness_0"])
             names = ", ".join((*OPTIONS, "layer_N", "thickness_N"))
-            raise MaterialError(f"found {key!r}; {hint}allowed: {names}", where=where)
+            raise MaterialError(f"found {key!r}; {near}allowed: {names}", where=where)
     if "filename" in props:
         if children or thickness:
             given = ", ".join([*children, *(f"thickness_{i}" for i in thickness)])
@@ -251,12 +249,12 @@ def _length(value: Any, where: str) -> float:
     return float(value)
 
 
-def _method(props: Any, stack: Any) -> Any:
+def _method(props: Any) -> Any:
     """The class of the method that was asked for."""
-    name = props.get("method", "walk")
-    if name not in (*METHODS, "auto"):
+    name, names = props.get("method", "walk"), (*METHODS, "auto")
+    if name not in names:
         raise MaterialError(
-            f"found {name!r}; allowed: {', '.join((*METHODS, 'auto'))}",
+            f"found {name!r}; {close(name, names)}allowed: {', '.join(names)}",
             where=f"{props.id() or 'layered'}.method",
         )
     name = "walk" if name == "auto" else name
