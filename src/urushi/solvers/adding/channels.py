@@ -122,7 +122,7 @@ class ChannelsBSDF(BSDF):
             lost=self._joined([part.lost for part in found]),
             error=None,
         )
-        error = max(float(part.diagnostics["estimated_error"]) for part in self.parts)
+        error = float(self.solution.diagnostics.get("estimated_error", np.nan))
         return replace(ledger, error=alike(ledger, error)) if with_error else ledger
 
     def pdf(self, wi: Any, wo: Any) -> Any:

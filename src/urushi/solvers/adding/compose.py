@@ -30,12 +30,12 @@ from .solver import closed_form
 from .spectrum import Spectrum
 from .threads import one_thread
 
-SIDES = ((True, True), (True, False), (False, False), (False, True))
+#: (from above, to above) in the order of the operators of a `Slab`, which is not that of `table.SIDES`
+OF_SLAB = ((True, True), (True, False), (False, False), (False, True))
+#: the closed forms of a solution for some orders, by (from above, to above)
 Rests = dict[tuple[bool, bool], Operator]
 #: orders that are added at a time
 CHUNK = 16
-
-
 #: what can be put on one another
 Solved = AddingBSDF | ChannelsBSDF
 
@@ -160,7 +160,7 @@ def _added(
     a: Solution, b: Solution, opaque: bool, colours: int, closed: _Closed | None
 ) -> dict[tuple[bool, bool], Part]:
     """The parts of the whole."""
-    sides = SIDES[:1] if opaque else SIDES
+    sides = OF_SLAB[:1] if opaque else OF_SLAB
     blocks: dict[Any, list[Block]] = {side: [] for side in sides}
     rest: dict[Any, list[Block]] = {side: [] for side in sides}
     delta: dict[Any, np.ndarray | None] = {}
@@ -173,7 +173,8 @@ def _added(
             whole = Slab(*from_above(upper, lower, OPERATORS), lower.r_bottom, lower.t_up)
         else:
             whole = add(upper, lower, OPERATORS)
-        for side, operator in zip(SIDES, whole, strict=True):
+        known = [] if closed is None else [_rests(s, orders, first) for s in (a, b)]
+        for side, operator in zip(OF_SLAB, whole, strict=True):
             if side not in sides:
                 continue
             if side not in delta:
@@ -181,7 +182,7 @@ def _added(
                 delta[side] = None if found is None else np.broadcast_to(found, (colours, found.shape[1]))
             exact = None
             if closed is not None:
-                exact = closed.of(side, upper, lower, *(_rests(s, orders, first) for s in (a, b)))
+                exact = closed.of(side, upper, lower, *known)
             dense = operator.dense
             if exact is not None and exact.dense is not None:
                 rest[side].append(_block(orders, first, exact.dense, colours))
@@ -192,11 +193,11 @@ def _added(
 
 
 def _rests(solution: Solution, orders: range, first: int) -> Rests:
-    return {side: _operator(solution, side, orders, first, ("rest",), False) for side in SIDES}
+    return {side: _operator(solution, side, orders, first, ("rest",), False) for side in OF_SLAB}
 
 
 def _slab(solution: Solution, orders: range, first: int) -> Slab:
-    return Slab(*(_operator(solution, side, orders, first, ("blocks", "rest"), True) for side in SIDES))
+    return Slab(*(_operator(solution, side, orders, first, ("blocks", "rest"), True) for side in OF_SLAB))
 
 
 def _operator(

@@ -51,8 +51,8 @@ class Series:
             blocks, shape = _blocks(solution, solution.parts[key])
             if key == (False, True) and _reversed(blocks, _blocks(solution, solution.parts[True, False])[0]):
                 # The same q the other way, to the last digit: reciprocity is not left to the choice of widths.
-                values, width, error = fitted[self.parts.index((True, False))]
-                fitted.append((values.transpose(1, 0, 2, 3), width.T, error))
+                values, width, off = fitted[self.parts.index((True, False))]
+                fitted.append((values.transpose(1, 0, 2, 3), width.T, off))
             else:
                 fitted.append(warp.fit(blocks, shape, tolerance))
         self.terms: int = max(found[0].shape[-1] for found in fitted)
@@ -60,7 +60,7 @@ class Series:
             np.pad(v, ((0, 0),) * 3 + ((0, self.terms - v.shape[-1]),)) for v, _, _ in fitted
         ]
         self.width = [width for _, width, _ in fitted]
-        self.error: float = max(error for _, _, error in fitted)
+        self.error: float = max(off for _, _, off in fitted)
 
     @property
     def empty(self) -> bool:
