@@ -18,6 +18,7 @@ pytestmark = needs_llvm
 LANES = 3000
 FOG = ur.Medium(depth=0.8, albedo=(0.9, 0.7, 0.5), phase=ur.HenyeyGreenstein(g=0.5))
 SHARP = ur.Stack(layers=[ur.Dielectric(ior=1.5, alpha=0.1), ur.Conductor(eta=0.2, k=3.9, alpha=0.05)])
+BROAD = ur.Stack(layers=[ur.Dielectric(ior=1.5, alpha=0.1), ur.Conductor(material="Au", alpha=0.2)])
 ENAMEL = ur.Stack(layers=[ur.Dielectric(ior=1.5, alpha=0.2), FOG, ur.Conductor(material="Au", alpha=0.3)])
 PANES = ur.Stack(
     layers=[ur.Dielectric(ior=1.5, alpha=0.2), FOG, ur.Dielectric(ior=1.3), ur.Dielectric(ior=1.6, alpha=0.4)]
@@ -47,7 +48,7 @@ def pairs(rng: np.random.Generator, opaque: bool) -> tuple[np.ndarray, np.ndarra
 
 
 @pytest.mark.parametrize(
-    ("stack", "options"), [(SHARP, {}), (SHARP, {"max_depth": 3}), (ENAMEL, {}), (PANES, {})]
+    ("stack", "options"), [(SHARP, {}), (SHARP, {"max_depth": 3}), (BROAD, {}), (ENAMEL, {}), (PANES, {})]
 )
 def test_stages_change_no_bit(
     stack: ur.Stack, options: dict[str, int], packed: list[int], rng: np.random.Generator, monkeypatch: Any
