@@ -41,7 +41,8 @@ class Lobes:
     def at(self, ctx: Any, si: Any, active: Any) -> LobesHere:
         values = self.surface.at(si, active)
         core = self._core(values, is_radiance(self.mi, ctx), {} if _live(values) else self._tables)
-        core.energies = None if _live(values) else self._energies
+        if self._energies is not None and self._energies.knows(core.stack):
+            core.energies = self._energies
         return LobesHere(core)
 
     def said(self) -> dict[str, Any]:
@@ -56,11 +57,9 @@ class Lobes:
         if one_per_lane or mi.Float is float:
             return
         values = self.surface.at(dr.zeros(mi.SurfaceInteraction3f), True)
-        if _live(values):
-            return
         core = self._core(values, True, {}, uniform=True)
         core.energies = self._energies = Energies.of(core)
-        if "double" not in variant:
+        if "double" not in variant and not _live(values):
             self._tables = tabulate(core, mi.Vector3f)
 
     def _core(self, values: dict[str, Any], radiance: bool, tables: Any, uniform: bool = False) -> LobesCore:

@@ -21,7 +21,7 @@ from ...interfaces.base import Frame
 from ...optics.vectors import Array, Vector, at_least, channels
 from ..arrays import padded
 from . import rows
-from .kernels import one
+from .kernels import values as plain
 from .lobe import NARROWEST, Lobe
 
 if TYPE_CHECKING:
@@ -78,7 +78,8 @@ class Side:
     def of(cls, core: LobesCore, above: bool, vector: Any) -> Side | None:
         """None where no table of the size allowed is good enough."""
         number, stack = dr.value_t(vector), core.stack
-        limit = rows.critical([one(index) for index in stack.indices], stack.opaque, above)
+        seen = stack.indices[:-1] if stack.opaque else stack.indices
+        limit = rows.critical([float(plain(index)[0]) for index in seen], above)
         cos = np.maximum(rows.cosines(2 * CELLS[-1] + 1, limit), 1e-6)
         columns = Columns(cos, number)
         z = columns.cos

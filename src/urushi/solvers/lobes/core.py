@@ -109,8 +109,10 @@ class LobesCore:
             from .published import respond as as_published
 
             return as_published(self.stack, wi, above)
-        found = respond(self.stack, wi, above, scatters)
-        return found if self.energies is None else self.energies.put(found, dr.abs(wi.z), above)
+        if self.energies is None:
+            return respond(self.stack, wi, above, scatters)
+        whole, still = (respond(self.stack, wi, above, scattered) for scattered in (True, False))
+        return self.energies.put(whole, still, self.stack, dr.abs(wi.z), above)[0 if scatters else 1]
 
     def find(self, wi: Vector, above: bool, towards: Vector | None = None) -> Found:
         """The lobes for light from wi.

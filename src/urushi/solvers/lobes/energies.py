@@ -9,61 +9,62 @@ a table over the angle of the light, and takes the place of the recursion's ener
 
 from __future__ import annotations
 
-import operator
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 import drjit as dr
 import numpy as np
 
-from ...adding import Algebra, Slab, add, within
+from ...adding import Slab, add, within
 from ...interfaces import BoundConductor, BoundDielectric, Null
+from ...optics.phase import HenyeyGreenstein, Isotropic
 from ...optics.vectors import Array, at_least, channels
 from ..bound import BoundStack
 from . import rows
 from .grid import Grid
-from .kernels import Kernels, one, still
+from .kernels import ALGEBRA, Kernels, Key, numbers, still, values
 from .nodes import Nodes
 
 if TYPE_CHECKING:
     from .core import LobesCore
     from .ledger import Place
-    from .recursion import Answer
+    from .recursion import Answer, Beam
 
 #: cells of the table
 CELLS = 224
-#: of light that goes round for ever, what is lost at every turn
-GONE = 1e-15
-
-
-def _series(a: Any, b: Any, x: Any) -> Any:
-    trip = a @ b
-    return np.linalg.solve((1 + GONE) * np.eye(trip.shape[-1]) - trip, x)
-
-
-ALGEBRA = Algebra(operator.matmul, _series)
+#: relative step of derivatives, and where numbers end
+STEP = 1e-3
+LIMITS = {"alpha": (1e-4, 1.0), "albedo": (0.0, 1.0), "g": (-0.999, 0.999)}
+#: less than this that is scattered is not followed
+FAINT = 1e-6
 
 
 def follows(stack: BoundStack) -> bool:
-    """Whether the energies of a stack are followed: two interfaces that light goes through, some of them rough, all
-    alike in all azimuths, and nothing that scatters or is diffuse."""
+    """Whether the energies of a stack are followed: two interfaces that light goes through, or particles, and something
+    that widens it; all alike in all azimuths, and nothing diffuse."""
     inner = [interface.single or interface for interface in stack.interfaces]
-    known = all(isinstance(i, (BoundConductor, BoundDielectric, Null)) for i in inner)
-    if not known or stack.tilted or any(m is not None and m.scatters for m in stack.media):
+    if stack.tilted or not all(isinstance(i, (BoundConductor, BoundDielectric, Null)) for i in inner):
         return False
-    if any(m is not None and hasattr(m, "albedos") for m in stack.media):
+    media = [m for m in stack.media if m is not None]
+    hazy = any(m.scatters for m in media)
+    if any(m.scatters and not isinstance(m.phase, (HenyeyGreenstein, Isotropic)) for m in media):
         return False
     pairs = [i.roughness() for i in inner]
     plain = all(x is y or (isinstance(x, float) and x == y) for x, y in pairs)
-    rough = not all(i.flat or still(i) for i in stack.interfaces)
-    return plain and rough and sum(isinstance(i, BoundDielectric) for i in inner) > 1
+    rough = hazy or not all(i.flat or still(i) for i in stack.interfaces)
+    return plain and rough and (hazy or sum(isinstance(i, BoundDielectric) for i in inner) > 1)
 
 
 class Energies:
-    """Tables over the cosine of the light, one for each side that it may come from."""
+    """Tables over the cosine of the light, one for each side that it may come from.
 
-    def __init__(self, sides: dict[bool, Side]) -> None:
-        self._sides = sides
+    Args:
+        sides: by whether the light comes from above.
+        live: numbers that derivatives are known in.
+    """
+
+    def __init__(self, sides: dict[bool, Side], live: list[Key]) -> None:
+        self._sides, self._live = sides, live
 
     @classmethod
     def of(cls, core: LobesCore) -> Energies | None:
@@ -74,20 +75,63 @@ class Energies:
         number = core.spectrum
         while dr.depth_v(number) > 1:
             number = dr.value_t(number)
-        pile = Pile(stack, dr.float64_array_t(number))
-        return cls({above: pile.side(above) for above in core.sides})
+        all_of = numbers(stack)
+        pile = Pile(stack, {key: values(value) for key, value in all_of.items()}, dr.float64_array_t(number))
+        live = [key for key, value in all_of.items() if _is_live(value) and pile.bends(key)]
+        return cls({above: pile.side(above, live) for above in core.sides}, live)
 
-    def put(self, answer: Answer, cos: Array, above: bool) -> Answer:
-        """The answer of the recursion to light of some cosines, with these energies."""
+    def knows(self, stack: BoundStack) -> bool:
+        """Whether derivatives are known in all numbers that they are wanted in."""
+        return all(key in self._live or not _is_live(value) for key, value in numbers(stack).items())
+
+    def put(
+        self, answer: Answer, still: Answer, stack: BoundStack, cos: Array, above: bool
+    ) -> tuple[Answer, Answer]:
+        """Answers of the recursion to light of some cosines, with these energies.
+
+        What particles scattered is shared out between lobes and diffuse light as the recursion has it.
+
+        Args:
+            answer: all of it; and
+            still: what is never scattered by particles; the same if there are none.
+            stack: whose they are.
+            cos, above: where the light comes from.
+        """
         side = self._sides[above]
-        found = side.at(cos)
+        found = side.at(cos, [numbers(stack)[key] for key in self._live])
+        exact = self._still(still, side, found)
+        if not side.hazy:
+            return exact, exact
+        whole = exact
+        for same, k in ((True, -2), (False, -1)):
+            beams = list(zip(*(_beams(a, same) for a in (answer, still, exact)), strict=True))
+            diffuse = answer.diffuse if same else answer.beyond
+            if not beams and _nothing(diffuse):
+                continue
+            more = [at_least(one.energy - other.energy, 0) for one, other, _ in beams]
+            told = sum(more, diffuse)
+            factor = side.picked(found, k, told) / at_least(told, FAINT)
+            new = [
+                replace(one, energy=known.energy + part * factor)
+                for part, (one, _, known) in zip(more, beams, strict=True)
+            ]
+            diffuse = 0.0 if _nothing(diffuse) else diffuse * factor
+            if same:
+                whole = replace(whole, reflected=new, diffuse=diffuse)
+            else:
+                late = new[1] if len(new) > 1 else None
+                whole = replace(whole, through=new[0], delayed=late, beyond=diffuse)
+        return whole, exact
+
+    def _still(self, answer: Answer, side: Side, found: list[Array]) -> Answer:
+        """What is never scattered."""
         reflected = [
             replace(beam, energy=side.picked(found, beam.layer, beam.energy)) for beam in answer.reflected
         ]
         answer = replace(answer, reflected=reflected)
         if answer.through is None:
             return answer
-        whole, straight = (side.picked(found, k, answer.through.energy) for k in (-2, -1))
+        whole, straight = (side.picked(found, k, answer.through.energy) for k in (-4, -3))
         if answer.delayed is None:
             return replace(answer, through=replace(answer.through, energy=whole))
         late = replace(answer.delayed, energy=at_least(whole - straight, 0))
@@ -109,20 +153,35 @@ class Side:
     Attributes:
         colours: C, 1 where nothing is coloured.
         critical: see `rows`.
-        energies: C numbers for every interface, as a lobe; for all that is transmitted; for what was never reflected.
+        energies: C numbers for every interface, as a lobe; for all that is transmitted; for what was never reflected;
+            all of what is not scattered; and for what is, on this side and beyond.
+        slopes: their derivatives in live numbers.
         kept: C numbers for each of the `places`, and for what facets of the base lose.
         places: layers.
+        hazy: whether anything scatters.
     """
 
     colours: int
     critical: float | None
     energies: Grid
+    slopes: list[Grid]
     kept: Grid
     places: list[Place]
+    hazy: bool
 
-    def at(self, cos: Array) -> list[Array]:
-        """All `energies`."""
-        return self.energies([rows.along(cos, self.critical)], cos)
+    def at(self, cos: Array, live: list[Array]) -> list[Array]:
+        """All `energies`, with derivatives in these numbers."""
+        places = [rows.along(cos, self.critical)]
+        found = self.energies(places, cos)
+        for number, slope in zip(live, self.slopes, strict=True):
+            parts = [number[c] for c in range(channels(number))] if channels(number) else [number]
+            parts = [part - dr.detach(part) for part in parts]
+            more = slope(places, cos)
+            found = [
+                dr.fma(s, parts[n % self.colours % len(parts)], e)
+                for n, (e, s) in enumerate(zip(found, more, strict=True))
+            ]
+        return found
 
     def picked(self, found: list[Array], k: int, like: Array) -> Array:
         """Those with number k, as a colour where `like` is one."""
@@ -143,62 +202,124 @@ class Pile:
     """The layers of a stack as matrices.
 
     Args:
-        stack: of numbers that are the same for all lanes.
+        stack: its structure.
+        given: its numbers (C,).
         number: double precision, of a vectorised backend.
+        base: a pile to take layers from whose numbers are the same, and its nodes; None for none.
     """
 
-    def __init__(self, stack: BoundStack, number: Any) -> None:
-        self.stack = stack
-        self.nodes = Nodes(
-            [one(index) for index in stack.indices[: len(stack.interfaces) + (not stack.opaque)]]
+    def __init__(
+        self, stack: BoundStack, given: dict[Key, np.ndarray], number: Any, base: Pile | None = None
+    ) -> None:
+        self.stack, self.given, self.number = stack, given, number
+        regions = sum(name == "index" for name, _ in given)
+        self.nodes: Nodes = (
+            base.nodes if base else Nodes([float(given["index", r][0]) for r in range(regions)])
         )
-        self.kernels = Kernels(self.nodes, number)
-        self.layers: list[tuple[Place, Slab]] = []
-        for k, interface in enumerate(stack.interfaces):
-            self.layers.append(((False, k), self.kernels.slab(interface, k)))
+        self.kernels = Kernels(stack, given, self.nodes, number)
+        self.hazy = any(medium is not None and medium.scatters for medium in stack.media)
+        changed = {key for key in given if base is not None and given[key] is not base.given[key]}
+        known: dict[Place, tuple[Slab, Slab]] = {}
+        if base is not None:
+            known = {place: (clear, hazy) for place, clear, hazy in base.layers}
+        #: place, as it is to light that is never scattered, and to all
+        self.layers: list[tuple[Place, Slab, Slab]] = []
+        for k in range(len(stack.interfaces)):
+            of = {(name, k) for name in ("alpha", "eta", "k", "index")} | {("index", k + 1)}
+            if base is None or changed & of:
+                slab = self.kernels.slab(k)
+                known[False, k] = slab, slab
+            self.layers.append(((False, k), *known[False, k]))
             medium = stack.media[k + 1]
-            if medium is not None:
-                self.layers.append(((True, k + 1), self.kernels.medium(medium, k + 1)))
+            if medium is None:
+                continue
+            if base is None or changed & {(name, k + 1) for name in ("depth", "albedo", "g")}:
+                clear = self.kernels.medium(k + 1, False)
+                known[True, k + 1] = clear, self.kernels.medium(k + 1, True) if medium.scatters else clear
+            self.layers.append(((True, k + 1), *known[True, k + 1]))
 
-    def side(self, above: bool) -> Side:
-        """What becomes of light from one side."""
+    def bends(self, key: Key) -> bool:
+        """Whether energies depend on a number: not on the roughness of what is smooth or invisible."""
+        return key[0] != "alpha" or not still(self.stack.interfaces[key[1]])
+
+    def side(self, above: bool, live: list[Key]) -> Side:
+        """What becomes of light from one side, with derivatives in some numbers."""
+        regions = sum(name == "index" for name, _ in self.given)
+        indices = [float(self.given["index", r][0]) for r in range(regions)]
+        critical = rows.critical(indices, above)
+        cos = rows.cosines(CELLS + 1, critical)
+        energies, kept = self._followed(cos, above)
+        slopes = []
+        for key in live:
+            value = self.given[key]
+            low, high = LIMITS.get(key[0], (0.0, np.inf))
+            step = STEP * np.maximum(np.abs(value), 0.1)
+            ends = np.maximum(value - step, low), np.minimum(value + step, high)
+            less, more = (
+                Pile(self.stack, {**self.given, key: end}, self.number, self)._followed(cos, above)[0]
+                for end in ends
+            )
+            slopes.append((more - less) / (ends[1] - ends[0])[:, None])
+        size = max(len(kept[0]), len(energies[0]))
+        shape = len(cos), -1
+        grids = [
+            Grid(np.moveaxis(np.broadcast_to(x, (len(x), size, len(cos))), -1, 0).reshape(shape))
+            for x in (energies, *slopes, kept)
+        ]
+        places = [place for place, *_ in (self.layers if above else reversed(self.layers))]
+        return Side(size, critical, grids[0], grids[1:-1], grids[-1], places, self.hazy)
+
+    def _followed(self, cos: np.ndarray, above: bool) -> tuple[np.ndarray, np.ndarray]:
+        """(K + 4, C, M), (L + 1, C, M): `Side.energies` and `Side.kept`, for light of some cosines (M,)."""
         count = len(self.stack.interfaces)
         first = 0 if above else count - 1
-        critical = rows.critical([one(n) for n in self.stack.indices], self.stack.opaque, above)
-        cos = rows.cosines(CELLS + 1, critical)
-        layers = self.layers if above else [(place, s.turned_over()) for place, s in reversed(self.layers)]
-        r, t = self.kernels.sent(self.stack.interfaces[first], first, cos, above)
-        whole = layers[0][1]._replace(r_top=r, t_down=t)
-        pile = [whole, *(slab for _, slab in layers[1:])]
-        before = whole.r_top.sum(axis=1)
+        r, t = self.kernels.sent(first, cos, above)
+        layers = self.layers
+        if not above:
+            layers = [(place, *(s.turned_over() for s in slabs)) for place, *slabs in reversed(layers)]
+        entry = layers[0][1]._replace(r_top=r, t_down=t)
+        whole, straight, before = entry, t, r.sum(axis=1)
         energies = {first: before}
-        straight = t
-        for (medium, number), slab in layers[1:]:
+        for (medium, number), slab, _ in layers[1:]:
             whole, straight = add(whole, slab, ALGEBRA), slab.t_down @ straight
             if not medium:
                 after = whole.r_top.sum(axis=1)
                 energies[number], before = after - before, after
-        through = [whole.t_down.sum(axis=1), straight.sum(axis=1)]
-        source = np.eye(len(cos))[None]
-        lights = within(pile, source, ALGEBRA)
+        through = whole.t_down.sum(axis=1)
+        pile = [entry, *(slab for _, _, slab in layers[1:])]
+        lights = within(pile, np.eye(len(cos))[None], ALGEBRA)
         down, up = ([light.sum(axis=1) for light in some] for some in lights)
         up.append(0 * up[0])
         kept = [down[k] + up[k + 1] - up[k] - down[k + 1] for k in range(len(pile))]
         kept.append(self._shadowed(lights[0]))
-        every = [energies[k] for k in range(count)] + through
+        scattered = [np.maximum(up[0] - before, 0), np.maximum(down[-1] - through, 0)]
+        every = [energies[k] for k in range(count)] + [through, straight.sum(axis=1), *scattered]
         size = max(len(e) for e in [*every, *kept])
-        tables = [
-            Grid(np.concatenate([np.broadcast_to(e, (size, len(cos))) for e in some]).T)
-            for some in (every, kept)
-        ]
-        return Side(size, critical, tables[0], tables[1], [place for place, _ in layers])
+        found = [np.stack([np.broadcast_to(e, (size, len(cos))) for e in some]) for some in (every, kept)]
+        return found[0], found[1]
 
     def _shadowed(self, down: list[np.ndarray]) -> np.ndarray:
         """(C, M) what facets of the base reflect and others keep."""
-        base: Any = self.stack.interfaces[-1]
+        base = self.stack.interfaces[-1]
         if not base.opaque or base.single is not None or still(base):
             return np.zeros((1, down[0].shape[-1]))
-        region = len(self.stack.interfaces) - 1
-        white = self.kernels.white(base, region, self.nodes.cosines(region))
+        k = len(self.stack.interfaces) - 1
+        white = self.kernels.white(k, self.nodes.cosines(k))
         sent = self.layers[-1][1].r_top.sum(axis=1) * (1 / white - 1)
         return np.asarray((sent[:, None] @ down[-2])[:, 0])
+
+
+def _beams(answer: Answer, same: bool) -> list[Beam]:
+    """On the side of the light, or beyond."""
+    beams = answer.reflected if same else [answer.through, answer.delayed]
+    return [beam for beam in beams if beam is not None]
+
+
+def _nothing(value: Array) -> bool:
+    return isinstance(value, float) and value == 0
+
+
+def _is_live(number: Any) -> bool:
+    """Whether derivatives are wanted in a number, even where they are suspended for now."""
+    parts = [number[c] for c in range(channels(number))] if channels(number) else [number]
+    return any(getattr(part, "index_ad", 0) for part in parts)

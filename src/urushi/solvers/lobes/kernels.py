@@ -1,4 +1,4 @@
-"""What interfaces and clear media do with light that is told by `nodes`: matrices of flux, from samples of facets.
+"""What interfaces and media do with light that is told by `nodes`: matrices of flux, from samples of facets.
 
 Every node sends its light to facets that a lattice chooses among those visible from it; where their reflections and
 refractions lie between nodes, these share them (`Nodes.shared`). What single scattering loses is given back where the
@@ -7,37 +7,68 @@ model says so, as `interfaces.compensated` does.
 
 from __future__ import annotations
 
+import operator
 import sys
 from typing import Any
 
 import drjit as dr
 import numpy as np
 
-from ...adding import Slab
+from ...adding import Algebra, Slab, double
 from ...interfaces import BoundConductor, BoundDielectric, Interface, Null
 from ...interfaces.base import Frame
-from ...media import BoundMedium
 from ...optics.fresnel import fresnel_conductor, fresnel_dielectric
 from ...optics.microfacet import Microfacets
 from ...optics.vectors import at_least, at_most, channels, reflect
 from ..arrays import padded
+from ..bound import BoundStack
 from .nodes import Nodes
 
 #: facets for each direction: a Fibonacci number
 FACETS = 1597
 #: the lowest cosine of a direction that light is sent from
 LOWEST = 1e-4
+#: moments of a phase function, and the depth of a slab in which light is scattered once
+MOMENTS, THIN = 32, 2e-4
+#: of light that goes round for ever, what is lost at every turn
+GONE = 1e-15
+
+
+def _series(a: Any, b: Any, x: Any) -> Any:
+    trip = a @ b
+    return np.linalg.solve((1 + GONE) * np.eye(trip.shape[-1]) - trip, x)
+
+
+#: the adding equations with matrices
+ALGEBRA = Algebra(operator.matmul, _series)
+
+
+#: what a number is of ("index", "alpha", "eta", "k", "depth", "albedo", "g"), and of which region or interface
+Key = tuple[str, int]
+
+
+def numbers(stack: BoundStack) -> dict[Key, Any]:
+    """All numbers that matrices are made of."""
+    last = len(stack.interfaces) + (not stack.opaque)
+    found: dict[Key, Any] = {("index", r): stack.indices[r] for r in range(last)}
+    for k, interface in enumerate(stack.interfaces):
+        inner: Any = interface.single if interface.single is not None else interface
+        if getattr(inner, "facets", None) is not None:
+            found["alpha", k] = inner.facets.alpha_x
+        if isinstance(inner, BoundConductor):
+            found["eta", k], found["k", k] = inner.eta, inner.k
+    for r, medium in enumerate(stack.media):
+        if medium is not None:
+            found["depth", r] = medium.depth
+            if medium.scatters:
+                found["albedo", r], found["g", r] = medium.albedo, getattr(medium.phase, "g", 0.0)
+    return found
 
 
 def values(number: Any) -> np.ndarray:
     """(C,) a number or a colour that is the same for all lanes, C = 1 where it is a number."""
     parts = [number[c] for c in range(channels(number))] if channels(number) else [number]
-    return np.array([float(np.ravel(np.array(part, dtype=np.float64))[0]) for part in parts])
-
-
-def one(number: Any) -> float:
-    """A number that is the same for all lanes."""
-    return float(values(number)[0])
+    return np.array([float(np.ravel(np.array(dr.detach(part), dtype=np.float64))[0]) for part in parts])
 
 
 def still(interface: Interface) -> bool:
@@ -50,12 +81,14 @@ class Kernels:
     """Matrices of the layers of a stack.
 
     Args:
+        stack: its structure.
+        given: its numbers (C,), which may be others.
         nodes: of its regions.
         number: type of numbers: double precision, of a vectorised backend.
     """
 
-    def __init__(self, nodes: Nodes, number: Any) -> None:
-        self.nodes, self.number = nodes, number
+    def __init__(self, stack: BoundStack, given: dict[Key, np.ndarray], nodes: Nodes, number: Any) -> None:
+        self.stack, self.given, self.nodes, self.number = stack, given, nodes, number
         self.vector: Any = sys.modules[number.__module__].Array3f64
         small, size = 1, 1
         while size < FACETS:
@@ -63,76 +96,96 @@ class Kernels:
         i = np.arange(size)
         self._lattice = (i + 0.5) / size, (i * small % size + 0.5) / size
 
-    def slab(self, interface: Interface, region: int) -> Slab:
-        """All four matrices of the interface below a region, (C, n_out, n_in); empty ones below an opaque base."""
-        r, t = self.sent(interface, region, self.nodes.cosines(region), True)
-        if interface.opaque:
+    def slab(self, k: int) -> Slab:
+        """All four matrices of an interface, (C, n_out, n_in); empty ones below an opaque base."""
+        r, t = self.sent(k, self.nodes.cosines(k), True)
+        if self.stack.interfaces[k].opaque:
             return Slab(r, t, np.zeros((1, 0, 0)), np.swapaxes(t, 1, 2))
-        below, up = self.sent(interface, region, self.nodes.cosines(region + 1), False)
+        below, up = self.sent(k, self.nodes.cosines(k + 1), False)
         return Slab(r, t, below, up)
 
-    def medium(self, medium: BoundMedium, region: int) -> Slab:
-        """A medium that does not scatter."""
-        t = np.exp(-values(medium.depth)[:, None] / self.nodes.cosines(region))
-        through = t[:, :, None] * np.eye(t.shape[1])
+    def medium(self, region: int, scatters: bool) -> Slab:
+        """A medium; all that meets particles is lost unless it `scatters`."""
+        cos, depth = self.nodes.cosines(region), self.given["depth", region]
+        if scatters:
+            colours = np.broadcast_arrays(depth, self.given["albedo", region], self.given["g", region])
+            slabs = [self._hazy(region, *map(float, colour)) for colour in zip(*colours, strict=True)]
+            r, t = np.stack([slab.r_top for slab in slabs]), np.stack([slab.t_down for slab in slabs])
+            return Slab(r, t, r, t)
+        through = np.exp(-depth[:, None] / cos)[:, :, None] * np.eye(len(cos))
         nothing = np.zeros((1, *through.shape[1:]))
         return Slab(nothing, through, nothing, through)
 
-    def sent(
-        self, interface: Interface, region: int, cos: np.ndarray, above: bool
-    ) -> tuple[np.ndarray, np.ndarray]:
+    def _hazy(self, region: int, depth: float, albedo: float, g: float) -> Slab:
+        """A slab of Henyey-Greenstein particles, by doubling of one so thin that light is scattered once in it.
+
+        What of the peak polynomials cannot tell is taken as not scattered (delta-M, Wiscombe 1977).
+        """
+        cos = self.nodes.cosines(region)
+        ends = np.concatenate([[1.0], 0.5 * (cos[1:] + cos[:-1]), [0.0]])
+        share = g**MOMENTS if g > 0 else 0.0
+        moments = (g ** np.arange(MOMENTS) - share) / (1 - share) * (2 * np.arange(MOMENTS) + 1)
+        legendre = np.polynomial.legendre.legvander(cos, MOMENTS - 1).T
+        signs = (-1.0) ** np.arange(MOMENTS)
+        down, up = (
+            np.maximum((legendre * factor).T @ legendre, 0) * (ends[:-1] - ends[1:])[:, None]
+            for factor in (moments[:, None], (moments * signs)[:, None])
+        )
+        whole = (down + up).sum(axis=0)
+        depth, albedo = depth * (1 - albedo * share), albedo * (1 - share) / (1 - albedo * share)
+        times = max(int(np.ceil(np.log2(max(depth, 1e-12) / THIN))), 0)
+        passed = np.exp(-depth / 2**times / cos)
+        met = albedo * (1 - passed) / whole
+        r, t = up * met, np.diag(passed) + down * met
+        return double(Slab(r, t, r, t), times, ALGEBRA)
+
+    def sent(self, k: int, cos: np.ndarray, above: bool) -> tuple[np.ndarray, np.ndarray]:
         """Where light of some cosines goes.
 
         Args:
-            interface: between a region and the next.
-            region: the one above it.
+            k: number of the interface.
             cos: (N,) cosines on the side that the light comes from.
             above: whether that is the upper one.
 
         Returns:
             (C, n, N) what is reflected, (C, n_beyond, N) what is transmitted, on the nodes of either region.
         """
+        interface = self.stack.interfaces[k]
         inner: Any = interface.single if interface.single is not None else interface
-        here, beyond = (region, region + 1) if above else (region + 1, region)
+        here, beyond = (k, k + 1) if above else (k + 1, k)
         cos = np.maximum(cos, LOWEST)
+        full = interface.single is not None and not still(interface)
         if isinstance(inner, BoundConductor):
-            r = self._metal(inner, region, cos, inner.eta, inner.k)
-            if interface.single is not None and not still(interface):
-                r = r + self._returned(inner, region, cos)
-            return r, np.zeros((1, 0, len(cos)))
-        ratio = self.nodes.index(beyond) / self.nodes.index(here)
-        if isinstance(inner, Null) or ratio == 1:
+            r = self._metal(k, cos, self.given["eta", k], self.given["k", k])
+            return r + self._returned(k, cos) if full else r, np.zeros((1, 0, len(cos)))
+        if isinstance(inner, Null) or self.nodes.index(beyond) == self.nodes.index(here):
             light = self.number(padded(cos))
             all_of = self.nodes.shared(here, light, [1 + 0 * light], 1)
             return 0 * all_of, all_of
-        r, t = self._dielectric(inner, (here, beyond), cos, ratio)
-        if interface.single is not None and not still(interface):
+        r, t = self._dielectric(k, cos, above)
+        if full:
             lost = 1 - r.sum(axis=1) - t.sum(axis=1)
-            passed = one(interface.missing.exchanged()[0 if above else 1])  # type: ignore[attr-defined]
-            shapes = [self._lost_shape(inner, region, side) for side in (above, not above)]
-            r = r + shapes[0][None, :, None] * (lost * (1 - passed))[:, None]
-            t = t + shapes[1][None, :, None] * (lost * passed)[:, None]
+            passed = float(values(interface.missing.exchanged()[0 if above else 1])[0])  # type: ignore[attr-defined]
+            r = r + self._lost_shape(k, above)[None, :, None] * (lost * (1 - passed))[:, None]
+            t = t + self._lost_shape(k, not above)[None, :, None] * (lost * passed)[:, None]
         return r, t
 
-    def _lost_shape(self, inner: BoundDielectric, region: int, above: bool) -> np.ndarray:
+    def _lost_shape(self, k: int, above: bool) -> np.ndarray:
         """(n,) how what facets sent to one another leaves on a side, over all of it."""
-        here, beyond = (region, region + 1) if above else (region + 1, region)
-        ratio = self.nodes.index(beyond) / self.nodes.index(here)
-        cos = np.maximum(self.nodes.cosines(here), LOWEST)
-        r, t = self._dielectric(inner, (here, beyond), cos, ratio)
-        return _shape((1 - r.sum(axis=1) - t.sum(axis=1))[0], self.nodes.weights(here))
+        region = k if above else k + 1
+        r, t = self._dielectric(k, np.maximum(self.nodes.cosines(region), LOWEST), above)
+        return _shape((1 - r.sum(axis=1) - t.sum(axis=1))[0], self.nodes.weights(region))
 
-    def _dielectric(
-        self, inner: BoundDielectric, regions: tuple[int, int], cos: np.ndarray, ratio: float
-    ) -> tuple[np.ndarray, np.ndarray]:
-        number = self.number
-        eta = dr.opaque(number, ratio)
-        if still(inner):
+    def _dielectric(self, k: int, cos: np.ndarray, above: bool) -> tuple[np.ndarray, np.ndarray]:
+        number, regions = self.number, (k, k + 1) if above else (k + 1, k)
+        here, beyond_index = (float(self.given["index", region][0]) for region in regions)
+        eta = dr.opaque(number, beyond_index / here)
+        if still(self.stack.interfaces[k]):
             light = number(padded(cos))
             fresnel, beyond = fresnel_dielectric(light, eta, 1 / eta)
             r = self.nodes.shared(regions[0], light, [fresnel], 1)
             return r, self.nodes.shared(regions[1], at_least(dr.abs(beyond), LOWEST), [1 - fresnel], 1)
-        w, facets, u = self._facets(inner, cos)
+        w, facets, u = self._facets(k, cos)
         copy = BoundDielectric(eta, facets, False, Frame(0.0))
         up, down = (copy.sample(w, (0.5, *u), True, part) for part in ("reflect", "transmit"))
         weights = [dr.select(right, e.weight, 0) for e, right in ((up, up.o.z > 0), (down, down.o.z < 0))]
@@ -142,52 +195,47 @@ class Kernels:
         )
         return r, t
 
-    def _metal(self, inner: BoundConductor, region: int, cos: np.ndarray, eta: Any, k: Any) -> np.ndarray:
+    def _metal(self, k: int, cos: np.ndarray, *index: np.ndarray) -> np.ndarray:
+        """What a metal of some index (its real and its imaginary part, C of each) reflects by single scattering."""
         number = self.number
-        pairs = np.broadcast_arrays(values(eta), values(k))
-        colours = [tuple(dr.opaque(number, float(x)) for x in pair) for pair in zip(*pairs, strict=True)]
-        if still(inner):
+        colours = _pairs(number, *index)
+        if still(self.stack.interfaces[k]):
             like = number(padded(cos))
-            return self.nodes.shared(region, like, [fresnel_conductor(like, *pair) for pair in colours], 1)
-        w, facets, u = self._facets(inner, cos)
+            return self.nodes.shared(k, like, [fresnel_conductor(like, *pair) for pair in colours], 1)
+        w, facets, u = self._facets(k, cos)
         m = facets.sample(w, *u)
         o = reflect(w, m)
         seen = at_most(at_least(dr.dot(w, m), 0), 1)
         kept = facets.masked(w, self.vector(o.x, o.y, dr.abs(o.z)), facets.sigma(w))
         kept = dr.select(o.z > 0, kept, 0)
         weights = [kept * fresnel_conductor(seen, *pair) for pair in colours]
-        return self._counted(region, o.z, weights)
+        return self._counted(k, o.z, weights)
 
-    def white(self, inner: BoundConductor, region: int, cos: np.ndarray) -> np.ndarray:
+    def white(self, k: int, cos: np.ndarray) -> np.ndarray:
         """(N,) what the facets of a metal would reflect if they absorbed nothing."""
-        found: np.ndarray = self._metal(inner, region, np.maximum(cos, LOWEST), 0.0, 1.0)[0].sum(axis=0)
-        return found
+        ideal = self._metal(k, np.maximum(cos, LOWEST), np.zeros(1), np.ones(1))
+        return np.asarray(ideal[0].sum(axis=0))
 
-    def _returned(self, inner: BoundConductor, region: int, cos: np.ndarray) -> np.ndarray:
+    def _returned(self, k: int, cos: np.ndarray) -> np.ndarray:
         """What a metal gives back of what its facets sent to one another (Kulla & Conty 2017)."""
-        nodes = np.maximum(self.nodes.cosines(region), LOWEST)
-        weights = self.nodes.weights(region)
-        lost, all_lost = (1 - self.white(inner, region, c) for c in (cos, nodes))
+        nodes, weights = np.maximum(self.nodes.cosines(k), LOWEST), self.nodes.weights(k)
+        lost, all_lost = (1 - self.white(k, c) for c in (cos, nodes))
         mean = float(all_lost @ weights)
         like = self.number(padded(nodes))
-        pairs = zip(*np.broadcast_arrays(values(inner.eta), values(inner.k)), strict=True)
-        even = np.array(
-            [
-                np.array(fresnel_conductor(like, *map(self.number, map(float, pair)))) @ weights
-                for pair in pairs
-            ]
-        )
+        pairs = _pairs(self.number, self.given["eta", k], self.given["k", k])
+        even = np.array([np.array(fresnel_conductor(like, *pair)) @ weights for pair in pairs])
         part = even**2 * (1 - mean) / (1 - even * mean)
         return np.asarray(part[:, None, None] * _shape(all_lost, weights)[None, :, None] * lost)
 
-    def _facets(self, inner: Any, cos: np.ndarray) -> tuple[Any, Microfacets, tuple[Any, Any]]:
+    def _facets(self, k: int, cos: np.ndarray) -> tuple[Any, Microfacets, tuple[Any, Any]]:
         """Directions, each for all facets of the lattice, the surface, and what chooses its facets."""
-        given, number = inner.facets, self.number
+        interface: Any = self.stack.interfaces[k]
+        number, given = self.number, (interface.single or interface).facets
         count = len(self._lattice[0])
         many = np.repeat(cos, count)
         c, s = (number(padded(x)) for x in (many, np.sqrt((1 - many) * (1 + many))))
         u = tuple(number(padded(np.tile(x, len(cos)))) for x in self._lattice)
-        alpha = dr.opaque(number, one(given.alpha_x))
+        alpha = dr.opaque(number, float(self.given["alpha", k][0]))
         names = "ggx" if given.ggx else "beckmann", "correlated" if given.correlated else "separable"
         return self.vector(s, 0 * c, c), Microfacets(alpha, alpha, *names), (u[0], u[1])
 
@@ -196,6 +244,12 @@ class Kernels:
         count = len(self._lattice[0])
         cos = at_most(at_least(dr.abs(cos), LOWEST), 1)
         return self.nodes.shared(region, cos, [weight / count for weight in weights], count)
+
+
+def _pairs(number: Any, *index: np.ndarray) -> list[tuple[Any, ...]]:
+    """Complex indices, colour by colour."""
+    colours = zip(*np.broadcast_arrays(*index), strict=True)
+    return [tuple(dr.opaque(number, float(x)) for x in colour) for colour in colours]
 
 
 def _shape(lost: np.ndarray, weights: np.ndarray) -> np.ndarray:

@@ -113,11 +113,11 @@ def followed(bsdf: LobesBSDF, wi: np.ndarray, with_error: bool) -> Ledger:
         found = [0 * w.x] * (3 + len(keys))  # reflected, transmitted, shadowed, what each layer keeps
         for above in core.sides:
             tally = Tally()
-            answer = respond(core.stack, w, above, tally=tally)
-            if core.energies is not None:
-                cos = dr.abs(w.z)
-                answer = core.energies.put(answer, cos, above)
-                tally.kept, shadowed = core.energies.left(cos, above, core.spectrum(0))
+            if core.energies is None:
+                answer = respond(core.stack, w, above, tally=tally)
+            else:
+                answer = core.answer(w, above)
+                tally.kept, shadowed = core.energies.left(dr.abs(w.z), above, core.spectrum(0))
                 tally.shadowed = {len(core.stack.interfaces) - 1: shadowed}
             up = sum((beam.energy for beam in answer.reflected), answer.diffuse)
             through = sum((beam.energy for beam in (answer.through, answer.delayed) if beam is not None), 0.0)

@@ -272,12 +272,12 @@ class LobesBSDF(BSDF):
             if uniform:  # what is not computed yet may be given as many lanes as it is first used with
                 dr.eval([getattr(interface, "inv_eta", None) for interface in bound.interfaces])
             core = LobesCore(bound, spectrum, radiance, self.symmetric, self.published, uniform)
-            still = uniform and not any(dr.grad_enabled(v) for v in numbers.values.values())
-            if still and not self._cores:  # all others are of the same numbers
+            live = any(dr.grad_enabled(v) for v in numbers.values.values())
+            if not self._cores:  # all others are of the same numbers
                 self._energies = Energies.of(core)
-            core.energies = self._energies if still else None
+            core.energies = self._energies
             self._cores[key] = core, numbers.lanes
-            if still and not double:
+            if uniform and not double and not live:
                 self._untabulated.add(key)
         return self._cores[key]
 

@@ -26,16 +26,14 @@ from ..arrays import padded
 PACKET = 8
 
 
-def critical(indices: Sequence[float], opaque: bool, above: bool) -> float | None:
+def critical(indices: Sequence[float], above: bool) -> float | None:
     """The cosine beyond which the thinnest medium of a stack sees no light from a side, if there is one.
 
     Args:
-        indices: of all regions, top to bottom.
-        opaque: whether light gets into the last.
+        indices: of all regions that light gets into, top to bottom.
         above: the side that the light comes from.
     """
-    inner = indices[:-1] if opaque else indices
-    ratio = min(inner) / indices[0 if above else -1]
+    ratio = min(indices) / indices[0 if above else -1]
     return float(np.sqrt(1 - ratio**2)) if ratio < 1 - 1e-4 else None
 
 
