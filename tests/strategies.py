@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 import urushi as ur
 from urushi.description.base import Description
-from urushi.description.graded import Profile
+from urushi.description.graded import Heights, Profile
 from urushi.description.parameter import Covariance, Normal, Parameter, Roughness
 from urushi.description.phases import Curve
 from urushi.optics.ior import conductor_names
@@ -85,10 +85,12 @@ def layers(draw: st.DrawFn, kind: str, textured: bool = False) -> Description:
             given[name] = draw(st.sampled_from(conductor_names()))
         elif isinstance(rule, Parameter):
             given[name] = draw(values(rule, textured))
-        elif isinstance(rule, Profile):
-            given[name] = draw(st.lists(st.floats(0, 1), min_size=rule.least, max_size=9))
+        elif isinstance(rule, Profile | Heights):
+            pass
         else:
             given[name] = draw(st.sampled_from(rule.choices))  # type: ignore[attr-defined]
+    if kind == "graded":
+        given |= draw(graded(given.get("phase", ur.Isotropic())))
     if "eta" in given and _zero(given["eta"]) and _zero(given["k"]):
         given["k"] = 1.0
     if "thickness" in given and not isinstance(given["thickness"], ur.Texture):
@@ -97,6 +99,23 @@ def layers(draw: st.DrawFn, kind: str, textured: bool = False) -> Description:
     if given.get("multiple_scattering") == "walk" and "masking" in given:
         given["masking"] = "correlated"
     return piece(**given)
+
+
+@st.composite
+def graded(draw: st.DrawFn, phase: Description) -> dict[str, Any]:
+    """What a graded medium has of each height: albedos, phase functions or both, at equal steps or not."""
+    count = draw(st.integers(2, 6))
+    which = draw(st.sampled_from(["albedo", "phase", "both"]))
+    found: dict[str, Any] = {"albedo": draw(st.floats(0, 1)), "phase": phase}
+    if which != "phase":
+        found["albedo"] = draw(st.lists(st.floats(0, 1), min_size=count, max_size=count))
+    if which != "albedo":
+        found["phase"] = draw(st.lists(phases(), min_size=count, max_size=count))
+    if draw(st.booleans()):
+        steps = draw(st.lists(st.floats(1e-3, 1), min_size=count - 1, max_size=count - 1))
+        heights = [sum(steps[:k]) / sum(steps) for k in range(count)]
+        found["at"] = [*heights[:-1], 1.0]
+    return found
 
 
 def _zero(value: Any) -> bool:

@@ -38,11 +38,9 @@ def watch() -> Iterator[None]:
 
 
 def plain(stack: ur.Stack) -> ur.Stack:
-    """The same structure without what the walk does not do; depths and complex indices given as such."""
+    """The same structure without a walk between facets; depths and complex indices given as such."""
     layers = []
     for layer in stack.layers:
-        if isinstance(layer, ur.GradedMedium):
-            layer = ur.Medium(depth=layer.depth, albedo=layer.mean_albedo, phase=layer.phase)
         given = {name: getattr(layer, name) for name in type(layer).model_fields}
         given |= {name: False for name in ("multiple_scattering",) if name in given}
         if layer.kind == "medium":
