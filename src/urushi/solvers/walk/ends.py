@@ -27,8 +27,8 @@ from ...optics.vectors import Array, Vector, at_least
 from ..bound import BoundStack
 from .exit import DELTA
 
-#: what stands for 1 / D(normal of the first hit) before there is one
-NONE_YET = -1.0
+#: what stands for 1 / D(normal of the first hit) before there is one; as an integer, where that is known in Python
+NONE_YET = -1
 
 
 def either_way(stack: BoundStack) -> bool:
@@ -57,7 +57,8 @@ def begin(wi: Vector, wo: Vector, rng: Generator) -> tuple[Vector, Vector, Array
 
 def hit(first: Array, base: Interface, w: Vector, pdf: Array) -> Array:
     """1 / D(normal of the first hit), after a hit by light from w whose direction was sampled with this density."""
-    return dr.select(first < 0, dr.rcp(at_least(_normals(base, w, pdf), 1 / DELTA)), first)
+    this = dr.rcp(at_least(_normals(base, w, pdf), 1 / DELTA))
+    return this if isinstance(first, int) else dr.select(first < 0, this, first)
 
 
 def weight(first: Array, share: Array, base: Interface, w: Vector, pdf: Array) -> Array:
@@ -67,8 +68,10 @@ def weight(first: Array, share: Array, base: Interface, w: Vector, pdf: Array) -
         first: what `hit` returned.
         share: the chance for this end.
     """
-    other = dr.select(first < 0, 1.0, first * _normals(base, w, pdf))
-    return dr.rcp(dr.fma(1 - share, other, share))
+    if isinstance(first, int):
+        return 1.0
+    other = first * _normals(base, w, pdf)
+    return dr.select(first < 0, 1.0, dr.rcp(dr.fma(1 - share, other, share)))
 
 
 def _normals(base: Interface, w: Vector, pdf: Array) -> Array:

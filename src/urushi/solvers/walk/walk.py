@@ -76,7 +76,10 @@ def estimate(
         way_out.weight = way_out.weight * flux
     state = _enter(stack, wi, way_out, rng, spectrum, max_depth)
     state["light"] = spectrum(state["light"] + seen)
-    state["share"], state["first"] = share, None if share is None else NONE_YET + 0 * wi.x
+    staged = staged and _lingers(stack)
+    state["share"], state["first"] = share, None
+    if share is not None:
+        state["first"] = NONE_YET if staged else NONE_YET + 0 * wi.x
     threshold = _roulette_threshold(stack)
 
     def body(stack: BoundStack, s: State, wo: Vector = wo, way_out: Exit = way_out) -> State:
@@ -93,7 +96,7 @@ def estimate(
         s["throughput"], s["light"] = spectrum(s["throughput"]), spectrum(s["light"])
         return s
 
-    if staged and _lingers(stack):
+    if staged:
         fixed = (wo, *way_out.numbers())
         if state["pdf"] is None:  # nobody asks for wo, nor for densities
             fixed = (None, way_out.c, way_out.weight, None, None, way_out.region)
