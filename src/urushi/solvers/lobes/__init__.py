@@ -11,8 +11,10 @@ for any number of lights, with derivatives in every parameter.
     recursion  all of it, lobe after lobe               published   the same as the paper has it
     lobe       value and shape of one lobe              exit        how diffuse light leaves
     mixture    what is sampled                          core        all of it, as a BSDF on Dr.Jit arrays
-    through    what leaves on the far side                  matte       rough diffuse bases
+    through    what leaves on the far side              matte       rough diffuse bases
+    moments    diffuse light that is not even           mixing      what layers make of it
     slopes     interfaces with normals of their own     returns     what goes back and forth between layers
+    energies   energies direction by direction          kernels     what layers do to these (nodes)
     angular    all of it by the angle alone, looked up  rows        the table for that
 
 Sources: Belcour 2018; Weier & Belcour 2020 (anisotropy); de Dinechin & Belcour 2022 (diffuse bases).

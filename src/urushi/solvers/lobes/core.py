@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import drjit as dr
 
-from ...optics.vectors import Array, Vector, at_least, at_most, channels, total
+from ...optics.vectors import Array, Vector, at_least, at_most, mean
 from ..bound import BoundStack
 from ..direct import direct, direct_is_certain
 from ..smooth import has_delta, smooth_energy, straight
@@ -17,6 +17,7 @@ from . import width as widths
 from .exit import Exit
 from .lobe import NARROWEST, Lobe
 from .mixture import Mixture
+from .moments import is_zero
 from .recursion import Answer, Beam, respond
 from .through import turned as turned_by
 
@@ -266,9 +267,9 @@ class LobesCore:
                 up = above if lobe.same else not above
                 energy = dr.select(near, mean(lobe.energy), 0)
                 parts.append((dr.detach(energy), lobe.sampler(0.0, up)))
-            scattered = bool(found.all()) or not _nothing(found.diffuse)
+            scattered = bool(found.all()) or not is_zero(found.diffuse)
             for energy, up in ((found.diffuse, above), (found.beyond, not above)):
-                if (scattered or not _nothing(energy)) and up in self.sides:
+                if (scattered or not is_zero(energy)) and up in self.sides:
                     weight = dr.select(near, mean(energy) + FLOOR, 0)
                     parts.append((dr.detach(weight), Exit.sampler(up)))
         if has_delta(self.stack):
@@ -304,12 +305,3 @@ def symmetric_direction(wi: Vector, wo: Vector) -> Vector:
     x, y = wi.x - wo.x, wi.y - wo.y
     scale = dr.sqrt(at_least(1 - dr.square(cos), 0)) * dr.rsqrt(at_least(dr.square(x) + dr.square(y), 1e-12))
     return type(wi)(x * scale, y * scale, cos)
-
-
-def mean(value: Array) -> Array:
-    """The mean over the colour channels."""
-    return total(value) * (1 / max(channels(value), 1))
-
-
-def _nothing(value: Array) -> bool:
-    return isinstance(value, float) and value == 0

@@ -4,7 +4,7 @@ What a layer does to both is a triangular matrix: a beam stays one or becomes di
 again. Products and the series of bounces of such matrices (theory (lobes.9, lobes.10)) are what the adding equations
 (`urushi.adding`) need.
 
-Diffuse light is a number where it is even, and three where media scatter it (`moments`).
+Diffuse light is a number where it is even, and four moments elsewhere (`moments`).
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ from typing import Any, NamedTuple
 
 from ...adding import Algebra
 from ...optics.vectors import Array
-from .moments import Mixing, Moments, energy, inverse
+from .moments import Mixing, Moments, energy, inverse, sum_of
 
 
 class Flow(NamedTuple):
@@ -27,7 +27,7 @@ class Flow(NamedTuple):
     diffuse: Any
 
     def __add__(self, other: Flow) -> Flow:  # type: ignore[override]
-        return Flow(*(_plus(a, b) for a, b in zip(self, other, strict=True)))
+        return Flow(*(sum_of(a, b) for a, b in zip(self, other, strict=True)))
 
     @property
     def spread(self) -> Array:
@@ -47,10 +47,6 @@ def _is(value: Any, number: float) -> bool:
     return isinstance(value, float) and value == number
 
 
-def _plus(a: Any, b: Any) -> Any:
-    return b if _is(a, 0) else a if _is(b, 0) else a + b
-
-
 def _times(a: Any, b: Any) -> Any:
     """The product, which costs nothing where a factor is known to be 0 or 1."""
     if _is(a, 0) or _is(b, 0):
@@ -66,7 +62,7 @@ def times(a: Flow, b: Flow) -> Flow:
     """First b, then a."""
     return Flow(
         _times(a.beam, b.beam),
-        _plus(_times(a.scattered, b.beam), _times(a.diffuse, b.scattered)),
+        sum_of(_times(a.scattered, b.beam), _times(a.diffuse, b.scattered)),
         _times(a.diffuse, b.diffuse),
     )
 

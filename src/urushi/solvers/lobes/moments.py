@@ -7,7 +7,7 @@ cosine:
     a_p = integral P_p(2 c - 1) f(c) dc        f(c) = sum_p (2 p + 1) a_p P_p(2 c - 1)        p = 0 to 3
 
 The first is the energy. Even light, f = 2 c, has (1, 1/3, 0, 0). A layer mixes moments: a matrix of four by four, from
-tables of what it makes of each of the polynomials (`tables.mixing`, `medium`). See theory (lobes.9).
+tables of what it makes of each of the polynomials (`mixing`, `medium`). See theory (lobes.9).
 """
 
 from __future__ import annotations
@@ -68,7 +68,7 @@ class Mixing:
     def __add__(self, other: Mixing) -> Mixing:
         return Mixing(
             [
-                [_plus(a, b) for a, b in zip(x, y, strict=True)]
+                [sum_of(a, b) for a, b in zip(x, y, strict=True)]
                 for x, y in zip(self.rows, other.rows, strict=True)
             ]
         )
@@ -114,7 +114,7 @@ def inverse(loop: Mixing) -> Mixing:
             if p != n:
                 factor = -rows[p][n]
                 rows[p] = [
-                    _plus(value, _times(mine, factor)) for value, mine in zip(rows[p], rows[n], strict=True)
+                    sum_of(value, _times(mine, factor)) for value, mine in zip(rows[p], rows[n], strict=True)
                 ]
     return Mixing([row[COUNT:] for row in rows])
 
@@ -144,20 +144,22 @@ _POWERS = (
 )
 
 
-def _is_zero(value: Any) -> bool:
+def is_zero(value: Any) -> bool:
+    """Whether a value is the float 0, which stands for what is not there and costs nothing."""
     return isinstance(value, float) and value == 0
 
 
-def _plus(a: Array, b: Array) -> Array:
-    return b if _is_zero(a) else a if _is_zero(b) else a + b
+def sum_of(a: Array, b: Array) -> Array:
+    """The sum, without what is not there."""
+    return b if is_zero(a) else a if is_zero(b) else a + b
 
 
 def _times(a: Array, b: Array) -> Array:
-    return 0.0 if _is_zero(a) or _is_zero(b) else a * b
+    return 0.0 if is_zero(a) or is_zero(b) else a * b
 
 
 def _dot(a: Any, b: Any) -> Array:
     found: Array = 0.0
     for x, y in zip(a, b, strict=True):
-        found = _plus(found, _times(x, y))
+        found = sum_of(found, _times(x, y))
     return found

@@ -178,16 +178,6 @@ class Boundary:
             r, t = dr.select(self.delta, fresnel, r), dr.select(self.delta, 1 - fresnel, t)
         return r, t
 
-    def _anisotropic(self, cos: Array) -> Array:
-        """What facets that are not alike in all directions reflect of what such that are would."""
-        w = self.frame.enter(self.wi)
-        x, y = dr.square(w.x), dr.square(w.y)
-        scale = dr.sqrt(at_least(1 - dr.square(cos), 0)) * dr.rsqrt(at_least(x + y, 1e-12))
-        seen = type(w)(w.x * scale, w.y * scale, cos)
-        return tables.albedo_towards(seen, *self._widths) / at_least(
-            tables.albedo(cos, self.alpha, cos), 1e-3
-        )
-
     def complete(self, cos: Array, alpha: Array) -> Array:
         """Reflectance from one direction were the interface as rough as `alpha`, nothing lost among its facets."""
         kind = self._kind()

@@ -25,7 +25,7 @@ from ..bound import BoundStack
 from . import matte
 from .flow import BEAM, Flow, bounce, times
 from .medium import Particles
-from .moments import EVEN, Moments
+from .moments import EVEN, Moments, is_zero, sum_of
 from .operators import GRAZING, Boundary
 from .returns import Step, from_below, meet
 from .spread import Spread
@@ -127,14 +127,14 @@ def respond(stack: BoundStack, wi: Vector, above: bool, scatters: bool = True, t
         sent = times(up.t_up, first) + times(later.t_up, again)
         sharp = _both(sharp, boundary.still())
         rest = sent.spread
-        if not _zero(sent.beam):
+        if not is_zero(sent.beam):
             # Light that goes back and forth before it gets out is what came under the steepest angles; it does not make
             # the middle of the lobe any wider, as the mean number of trips would have it.
             out = met.above.width
             out = spread.lobe(boundary.reflected, 0.0) if out is None else out
             beam, rest = _lobe(sent, dr.square(lobed)) if scattered else (sent.beam + sent.spread, 0.0)
             reflected.append(Beam(beam, out, cos, sharp, k))
-        diffuse = _sum(diffuse, rest)
+        diffuse = sum_of(diffuse, rest)
         if tally is not None:
             passes = (met.first, arriving), (met.later, more)
             tally.met(k, step, passes, (met.above.slabs, first), (met.above_later.slabs, again))
@@ -173,7 +173,7 @@ def respond(stack: BoundStack, wi: Vector, above: bool, scatters: bool = True, t
             over = from_below(steps, cos, None)
             down = bounce(over.whole.r_bottom, medium_r, arriving)
             sent = times(over.whole.t_up, times(medium_r, down))
-            diffuse = _sum(diffuse, sent.spread)
+            diffuse = sum_of(diffuse, sent.spread)
             step = Step(particles, cos, None, medium_r, medium_t)
             if tally is not None:
                 passing = (((medium_r, medium_t), down),)
@@ -204,7 +204,7 @@ def _lobe(light: Flow, factor: Array) -> tuple[Array, Array]:
 
     Light that was scattered forwards is followed as diffuse, but for a part (`medium`); more of it looks like a lobe.
     """
-    if _zero(light.scattered) or _zero(light.beam):
+    if is_zero(light.scattered) or is_zero(light.beam):
         return light.beam, light.spread
     moved = at_most(light.beam * (factor - 1), at_least(light.spread, 0))
     return light.beam + moved, light.spread - moved
@@ -246,11 +246,3 @@ def _both(a: Any, b: Any) -> Any:
     if isinstance(b, bool):
         return a if b else False
     return a & b
-
-
-def _zero(value: Array) -> bool:
-    return isinstance(value, float) and value == 0
-
-
-def _sum(a: Array, b: Array) -> Array:
-    return b if _zero(a) else a if _zero(b) else a + b

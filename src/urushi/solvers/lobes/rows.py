@@ -70,7 +70,7 @@ class Rows:
         # Variables of the compiled code: another number of rows compiles nothing anew.
         self.cells = dr.opaque(number, cells)
         self.last = dr.opaque(dr.uint32_array_t(number), cells - 1)
-        self.pack = next(size for size in (1, 2, 4, PACKET) if size >= min(self.count, PACKET))
+        self.pack = _pack(self.count)
         self.packs = -(-self.count // self.pack)
         #: whether a row has the next one beside it
         self.beside = 2 * self.pack <= PACKET
@@ -109,5 +109,10 @@ class Rows:
 
 def size(count: int, cells: int) -> int:
     """Bytes of a table."""
-    pack = next(n for n in (1, 2, 4, PACKET) if n >= min(count, PACKET))
+    pack = _pack(count)
     return 4 * (2 * pack * cells if 2 * pack <= PACKET else -(-count // pack) * pack * (cells + 1))
+
+
+def _pack(count: int) -> int:
+    """How many numbers of a row are loaded together."""
+    return next(n for n in (1, 2, 4, PACKET) if n >= min(count, PACKET))

@@ -7,6 +7,7 @@ derivatives, has one value per lane, or is inside a symbolic loop or call, compu
 
 from __future__ import annotations
 
+import threading
 from collections import OrderedDict
 from collections.abc import Callable, Sequence
 from typing import Any
@@ -16,6 +17,7 @@ import drjit as dr
 #: how many results are kept
 MOST = 512
 
+_lock = threading.Lock()
 _kept: OrderedDict[tuple[Any, ...], tuple[Any, Any]] = OrderedDict()
 
 
@@ -34,14 +36,17 @@ def settled(name: Any, numbers: Sequence[Any], compute: Callable[[], Any]) -> An
     if not parts or dr.flag(dr.JitFlag.SymbolicScope):
         return None
     key = (name, *((type(part), part.index) for part in parts))
-    if key in _kept:
-        _kept.move_to_end(key)
-        return _kept[key][1]
+    with _lock:
+        known = _kept.get(key)
+        if known is not None:
+            _kept.move_to_end(key)
+            return known[1]
     found = compute()
     dr.eval(found)
-    _kept[key] = parts, found  # the numbers, too: as long as they are kept, no others have their indices
-    if len(_kept) > MOST:
-        _kept.popitem(last=False)
+    with _lock:
+        _kept[key] = parts, found  # the numbers, too: as long as they are kept, no others have their indices
+        if len(_kept) > MOST:
+            _kept.popitem(last=False)
     return found
 
 
