@@ -77,6 +77,19 @@ def test_single_directions_and_broadcasting() -> None:
     assert one.wo.shape == (3,) and one.weight.shape == (3,) and np.ndim(one.pdf) == 0
 
 
+def test_plain_floats_take_one_value_each() -> None:
+    from drjit.llvm.ad import Float64
+
+    one, same = (
+        solve(ENAMEL, 4, backend="scalar", parameters={"layer_0.alpha": alpha}).pdf(WI, WO)
+        for alpha in (0.2, [0.2])
+    )
+    np.testing.assert_allclose(one, same, rtol=1e-6)
+    for values, said in (([0.1, 0.2], "2 evaluations"), (Float64(0.1, 0.2), "a Dr.Jit array")):
+        with pytest.raises(ur.MaterialError, match=rf"layer_0\.alpha: found .*{said}.*'scalar'"):
+            solve(ENAMEL, 4, backend="scalar", parameters={"layer_0.alpha": values})
+
+
 @pytest.mark.parametrize("stack", [ENAMEL, PANE], ids=["opaque", "transmits"])
 def test_plain_floats_do_what_vectors_do(stack: ur.Stack) -> None:
     """The scalar backend draws the same numbers: a few paths differ where rounding decides between two events."""

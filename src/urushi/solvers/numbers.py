@@ -194,6 +194,8 @@ def _lanes(stack: Stack, name: str, value: Any, module: Any, double: bool) -> tu
     """A value per lane, its number of lanes, and whether it is a colour."""
     number, colour = _types(module, double)
     if dr.is_array_v(value):
+        if number is float and dr.is_jit_v(value):
+            raise MaterialError("found a Dr.Jit array; allowed with backend 'scalar': numbers", where=name)
         if dr.depth_v(value) == 1 and dr.size_v(value) == dr.Dynamic:
             return number(value), dr.width(value), False
         if dr.size_v(value) == 3:
@@ -219,8 +221,8 @@ def _lanes(stack: Stack, name: str, value: Any, module: Any, double: bool) -> tu
         plain = float(array) if array.ndim == 0 else tuple(float(v) for v in array)
         return _constant(plain, module, double), 1, array.ndim == 1
     if not vector and (array.ndim == 1 or (array.ndim == 2 and array.shape[1] == 1)):
-        return number(array.ravel().tolist() if number is float else padded(array)), array.shape[0], False
-    columns = [number(padded(array[:, i])) for i in range(array.shape[1])] if array.ndim == 2 else []
+        return _column(name, array, number), array.shape[0], False
+    columns = [_column(name, column, number) for column in array.T] if array.ndim == 2 else []
     if len(columns) == 3 and allows_colour:
         return colour(*columns), array.shape[0], True
     if len(columns) == 2 and pair:
@@ -229,6 +231,17 @@ def _lanes(stack: Stack, name: str, value: Any, module: Any, double: bool) -> tu
     raise MaterialError(
         f"found shape {array.shape}; allowed: {numbers}" + (" or (N, 3)" if allows_colour else ""), where=name
     )
+
+
+def _column(name: str, values: np.ndarray, number: Any) -> Any:
+    """One value per evaluation; scalar code has one evaluation at a time."""
+    if number is not float:
+        return number(padded(values))
+    if values.size != 1:
+        raise MaterialError(
+            f"found values for {values.size} evaluations; allowed with backend 'scalar': one", where=name
+        )
+    return float(values.item())
 
 
 def check_range(stack: Stack, name: str, array: np.ndarray) -> None:

@@ -272,8 +272,6 @@ class WalkBSDF(BSDF):
         self, run: Any, inputs: tuple[np.ndarray, ...], start: int, stop: int, blocks: int
     ) -> list[np.ndarray]:
         vector = vector_type(self._module, self.double)
-        if self.lanes > 1:
-            raise UrushiError("backend: 'scalar' takes one value per parameter, found one per evaluation")
         core, _ = self._core(self._module)
         rows = []
         for i in range(start, stop):
