@@ -17,6 +17,7 @@ import urushi as ur
 from lanes import needs_llvm
 from urushi.comparison import clock, contenders, measure, questions, reference, svg
 from urushi.comparison import report as reports
+from urushi.comparison.errors import render_noise
 from urushi.comparison.verdict import verdict
 from urushi.comparison.words import COLUMNS, cells, nanoseconds, percent, seconds, size, walks
 from urushi.errors import UrushiError
@@ -168,6 +169,17 @@ def test_page_table_and_json_say_the_same(found: reports.Report, tmp_path: Path)
     assert (
         page.count("<svg") == 2 and "NaN" not in page and "nan" not in re.findall(r"<svg.*?</svg>", page)[0]
     )
+
+
+def test_noise_of_a_millisecond() -> None:
+    """As many samples as fit into it: one if it takes a millisecond, a thousand if a microsecond."""
+    stack = ur.Stack(layers=[ur.Dielectric(ior=1.5, alpha=0.3), ur.Diffuse(reflectance=0.5)])
+    bsdf = ur.solve(stack, "lobes")
+    one = render_noise(bsdf, 1e6, 0)
+    wi, u = np.array([[0.5, 0, 0.75**0.5]]), np.random.default_rng(1).random((1 << 14, 3))
+    weight = bsdf.sample(wi, u).weight[:, 0]
+    assert one == pytest.approx(weight.std() / weight.mean(), rel=0.1)
+    assert render_noise(bsdf, 1e3, 0) == pytest.approx(one / 1000**0.5)
 
 
 def test_text_says_it_too(found: reports.Report) -> None:

@@ -9,6 +9,7 @@ import stat
 import tracemalloc
 import zipfile
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -137,6 +138,13 @@ def test_its_own_default_error_is_one_that_it_takes(tmp_path, accuracy):
         error == native.spare(bsdf)
         and max(0.1 * accuracy, 1e-7) * 0.999 <= error <= max(0.5 * accuracy, 1e-7) * 1.001
     )
+
+
+@pytest.mark.parametrize(("known", "left"), [(1e-4, 5e-4), (6e-4, 4e-4), (9.8e-4, 1e-4)])
+def test_a_file_takes_what_the_solution_left_and_no_more_than_half(known: float, left: float) -> None:
+    """Of the accuracy of 1e-3; but a tenth of it at least."""
+    solution = SimpleNamespace(diagnostics={"accuracy": 1e-3, "estimated_error": known})
+    assert native.spare(SimpleNamespace(solution=solution)) == pytest.approx(left, rel=0.05)
 
 
 def test_a_smaller_error_takes_a_larger_file(saved):
