@@ -18,6 +18,8 @@ import numpy as np
 
 #: what all steps of a sum together count
 WHOLE = 65535
+#: what nodes may have of the most that any has, and count as dark
+DARK = 1e-12
 
 
 def missing(
@@ -69,8 +71,10 @@ def given_back(
         # to differs by the rounding of their shares, which is spread like etendue.
         sign, spread = np.append(np.ones(n_in), -np.ones(n_out)), np.append(w_in, -w_out)
         matrix += (both.sum(axis=1) / np.abs(spread).sum())[:, None, None] * (spread[:, None] * sign)
-    # Nodes without any light have an equation without a term.
-    dark = np.where(matrix.diagonal(axis1=1, axis2=2) > 0, 0.0, 1.0)
+    # Nodes without any light, or hardly any, as those that graze behind a medium, have an equation without a term.
+    sums = columns if symmetric else both
+    each = sums / (w_in if symmetric else np.concatenate([w_in, w_out]))
+    dark = np.where(each > DARK * each.max(axis=1, keepdims=True), 0.0, 1.0)
     share = np.linalg.solve(matrix + dark[:, :, None] * np.eye(dark.shape[1]), right[..., None])[..., 0]
     a, b = share[:, :n_in], share if symmetric else share[:, n_in:]
     found: np.ndarray = x + (b[:, :, None] + a[:, None, :]) * step

@@ -22,6 +22,7 @@ from urushi.solvers.adding.result import AddingBSDF
 from urushi.solvers.adding.solution import Block, Solution
 from urushi.solvers.adding.solver import scattered_once
 from urushi.solvers.adding.spectrum import Spectrum
+from urushi.solvers.adding.through import met
 from urushi.stack import Stack
 
 from . import header as headers
@@ -209,7 +210,8 @@ def _known(spectrum: Spectrum) -> Known:
     ) -> list[Block] | None:
         region = 1 if side[0] else len(bound.interfaces) - 1
         sides = all(above or not bound.opaque for above in side)
-        if not (sides and covers(bound, *side) and region in solution.terms):
+        behind = solution.closed_form == "single, through" and met(bound, *side) is not None
+        if not (sides and covers(bound, *side) and region in solution.terms) or behind:
             return None
         return scattered_once(bound, phases, solution, side, blocks)
 

@@ -13,6 +13,9 @@ from urushi.solvers.adding.phase import MOST_TERMS
 from .packing import LEAST, MIRRORED, MOST, PLANES, SIDES, UNDER
 
 VERSION = 2
+CLOSED_FORMS = ("interface", "single", "through", "single, through", None)
+#: how close together nodes may be towards the normal
+TIGHTEST = 0.05
 #: nodes and orders, at most
 MOST_NODES, MOST_ORDERS = 4096, 1 << 14
 #: nodes that any file may have, and the square of how many each of its bytes allows
@@ -65,8 +68,8 @@ def parsed(content: bytes, size: int) -> tuple[dict[str, Any], str, dict[str, An
         raise _wrong("planes", data["planes"], f"0 to {PLANES}")
     if type(data["mirror"]) is not bool:
         raise _wrong("mirror", data["mirror"], "true, false")
-    if data["closed_form"] not in ("interface", "single", None):
-        raise _wrong("closed_form", data["closed_form"], "interface, single, null")
+    if data["closed_form"] not in CLOSED_FORMS:
+        raise _wrong("closed_form", data["closed_form"], ", ".join(form or "null" for form in CLOSED_FORMS))
     if not _number(data["error"], LEAST, MOST):
         raise _wrong("error", data["error"], f"{LEAST:g} to {MOST:g}")
     _check_grid(data, size)
@@ -106,10 +109,15 @@ def _check_grid(data: dict[str, Any], size: int) -> None:
     if not isinstance(indices, list) or not indices or not all(_number(n, 1, 5) for n in indices):
         raise _wrong("indices", indices, "numbers from 1 to 5")
     if not isinstance(panels, list) or not all(
-        isinstance(p, list) and len(p) == 2 and _number(p[0], 1, 5) and _whole(p[1], 2, MOST_NODES)
-        for p in panels
+        isinstance(p, list)
+        and len(p) in ((2, 3) if k == 0 else (2,))
+        and _number(p[0], 1, 5)
+        and _whole(p[1], 2, MOST_NODES)
+        and all(_number(squeeze, TIGHTEST, 1) for squeeze in p[2:])
+        for k, p in enumerate(panels)
     ):
-        raise _wrong("panels", panels, f"pairs of an index and 2 to {MOST_NODES} nodes")
+        said = f"pairs of an index and 2 to {MOST_NODES} nodes; in the first also {TIGHTEST} to 1"
+        raise _wrong("panels", panels, said)
     breaks = [p[0] for p in panels]
     if any(b <= a * (1 + 1e-9) for a, b in pairwise(breaks)) or not all(
         any(abs(n - b) <= 1e-9 * n for b in breaks) for n in indices
@@ -147,7 +155,7 @@ def _check_parts(data: dict[str, Any]) -> None:
     once = data["once"]
     if not isinstance(once, list) or once != [name for name in parts if name in once]:
         raise _wrong("once", once, f"some of {', '.join(parts)}, in this order")
-    counts = [sum(c for n, c in data["panels"] if n <= data["indices"][k] * (1 + 1e-9)) for k in (0, -1)]
+    counts = [sum(p[1] for p in data["panels"] if p[0] <= data["indices"][k] * (1 + 1e-9)) for k in (0, -1)]
     for name, count in deltas.items():
         most = min(counts[0 if above else 1] for above in SIDES[name])
         if not _whole(count, 0, most):

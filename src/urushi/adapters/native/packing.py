@@ -123,7 +123,10 @@ def pack(
     deltas = {name: parts[name].delta for name in stored}
     header: dict[str, Any] = {
         "indices": list(solution.grid.indices),
-        "panels": [[panel.index, panel.count] for panel in solution.grid.panels],
+        "panels": [
+            [panel.index, panel.count, *([panel.squeeze] if panel.squeeze != 1 else [])]
+            for panel in solution.grid.panels
+        ],
         "colours": solution.colours,
         "closed_form": solution.closed_form,
         "forward": {str(region): float(share) for region, share in solution.forward.items()},
@@ -194,7 +197,8 @@ def unpack(
     known: Known | None = None,
 ) -> Solution:
     """The solution of a header (as `pack` makes it) and of arrays that have its `shapes`."""
-    grid = Grid.build([n for n, _ in header["panels"]], [count for _, count in header["panels"]])
+    panels = header["panels"]
+    grid = Grid.build([panel[0] for panel in panels], [panel[1] for panel in panels], *panels[0][2:])
     grid = replace(grid, indices=tuple(header["indices"]))
     colours = header["colours"]
     planes = np.zeros((PLANES, arrays["values"].shape[1]), np.uint8)
@@ -296,7 +300,7 @@ def _nodes(header: dict[str, Any], name: str) -> tuple[int, int]:
     found = []
     for above in SIDES[name]:
         index = header["indices"][0 if above else -1]
-        found.append(sum(count for n, count in header["panels"] if n <= index * (1 + 1e-9)))
+        found.append(sum(panel[1] for panel in header["panels"] if panel[0] <= index * (1 + 1e-9)))
     return found[0], found[1]
 
 

@@ -105,7 +105,8 @@ def fan(
         breaks = np.arccos(panel.coordinate(cosines))
         ends = cut(breaks, 0.0, np.pi / 2, min(REACH * points / panel.count, LONGEST))
         psi, w = composite(ends, points)
-        own = panel.high * np.cos(psi) ** 2
+        y = np.cos(psi)
+        own = panel.cosine(y)
         s = panel.index * np.sqrt((1 - own) * (1 + own))
         same = abs(panel.index - index) <= SAME * index
         mu = own if same else np.sqrt((index - s) * (index + s)) / index
@@ -113,7 +114,7 @@ def fan(
         cos.append(mu)
         coordinate.append(own)
         # n^2 mu dmu is the same in all media.
-        w *= panel.high * np.sin(2 * psi)
+        w *= panel.density(y) * np.sin(2 * psi)
         weight.append(w if same else w * panel.index**2 * own / (index**2 * mu))
         starts.append(starts[-1] + len(own))
     joined = [np.concatenate(parts) for parts in (sin, cos, weight, coordinate)]
@@ -137,24 +138,38 @@ class Ring:
     project: np.ndarray
     points: int
 
+    def places(self, panel: int) -> slice:
+        """The points of a panel."""
+        return slice(panel * self.points, (panel + 1) * self.points)
+
+    def finer(self, panel: int, start: int, stop: int, points: int) -> Ring:
+        """One panel alone, cut into so short ones that `points` points on each resolve the cosines, too."""
+        low, high = (float(end) for end in self.breaks[panel : panel + 2])
+        return _fine(low, high, start, stop, points)
+
+
+@lru_cache(maxsize=256)
+def _fine(low: float, high: float, start: int, stop: int, points: int) -> Ring:
+    breaks = cut([], low, high, REACH * points / max(stop - 1, 1))
+    phi, weight = composite(breaks, points)
+    return Ring(
+        breaks, phi, 2 * weight, 2 * weight[:, None] * np.cos(phi[:, None] * np.arange(start, stop)), points
+    )
+
 
 @lru_cache(maxsize=64)
-def ring(level: int, start: int, stop: int, points: int, fine: bool = False) -> Ring:
+def ring(level: int, start: int, stop: int, points: int) -> Ring:
     """Points for lobes of width 2^-level at phi = 0, and for the orders from `start` on and below `stop`.
 
     Args:
         level, start, stop: see above.
-        points: Gauss points per panel.
-        fine: whether panels are to be so short that their points resolve the cosines, too. Otherwise they only resolve
-            the lobe: the polynomials through its values are integrated with the cosines exactly (Filon 1928).
+        points: Gauss points per panel, which resolve the lobe: the polynomials through its values are integrated with
+            the cosines exactly (Filon 1928).
     """
     orders = np.arange(start, stop)
     lobe = np.pi * 2.0 ** -np.arange(1, level + 2)
     breaks = cut(lobe, 0.0, np.pi, np.pi / 4)
-    resolving = cut(breaks, 0.0, np.pi, REACH * (points if fine else CLOSE) / max(stop - 1, 1))
-    if fine:
-        phi, weight = composite(resolving, points)
-        return Ring(resolving, phi, 2 * weight, 2 * weight[:, None] * np.cos(phi[:, None] * orders), points)
+    resolving = cut(breaks, 0.0, np.pi, REACH * CLOSE / max(stop - 1, 1))
     phi, weight = composite(breaks, points)
     close, shares = composite(resolving, CLOSE)
     waves = 2 * shares[:, None] * np.cos(close[:, None] * orders)

@@ -40,6 +40,8 @@ class Panel:
         index: index of the rarest medium that sees the panel; its cosine is mu = high x^2.
         low, high: the panel's ends in that cosine.
         first, count: which nodes.
+        squeeze: c of x = y / sqrt(y^2 + c^2 (1 - y^2)), y at the nodes of Gauss: 1 leaves x itself, and less brings
+            nodes closer together towards normal incidence, by that factor.
     """
 
     index: float
@@ -47,6 +49,7 @@ class Panel:
     high: float
     first: int
     count: int
+    squeeze: float = 1.0
 
     @property
     def nodes(self) -> slice:
@@ -54,8 +57,26 @@ class Panel:
         return slice(self.first, self.first + self.count)
 
     def coordinate(self, mu: np.ndarray) -> np.ndarray:
-        """x of cosines in the panel's medium."""
-        return np.sqrt(np.clip(mu / self.high, 0, 1))
+        """y of cosines in the panel's medium."""
+        square = np.clip(mu / self.high, 0, 1)
+        if self.squeeze == 1:
+            return np.sqrt(square)
+        scaled = self.squeeze**2 * square
+        return np.sqrt(scaled / (1 - square + scaled))
+
+    def cosine(self, y: np.ndarray) -> np.ndarray:
+        """The cosine in the panel's medium."""
+        return self.high * (y**2 / self._spread(y))
+
+    def density(self, y: np.ndarray) -> np.ndarray:
+        """dmu / d(y^2)."""
+        return self.high * (self.squeeze / self._spread(y)) ** 2
+
+    def _spread(self, y: np.ndarray) -> np.ndarray:
+        found: np.ndarray = (
+            y**2 + self.squeeze**2 * ((1 - y) * (1 + y)) if self.squeeze != 1 else np.ones_like(y)
+        )
+        return found
 
 
 @dataclass(frozen=True)
@@ -81,7 +102,7 @@ class Grid:
         indices: index of every region, top to bottom.
         s: (n,) Snell's invariant of the nodes, ascending from 0 (normal incidence).
         etendue: (n,) n^2 mu dmu of the nodes, the same in every region that has them.
-        x: (n,) coordinate of the nodes in their panel, descending from 1 to 0 in each.
+        x: (n,) coordinate y of the nodes in their panel, descending from 1 to 0 in each.
         panels: the panels, by ascending s.
     """
 
@@ -92,13 +113,14 @@ class Grid:
     panels: tuple[Panel, ...]
 
     @classmethod
-    def build(cls, indices: Sequence[float], counts: int | Sequence[int]) -> Grid:
+    def build(cls, indices: Sequence[float], counts: int | Sequence[int], squeeze: float = 1.0) -> Grid:
         """A grid.
 
         Args:
             indices: index of every region, top to bottom; those closer than 1e-9 count as one.
             counts: nodes per panel, by ascending index, at least 2; one number gives every panel as many as its share
                 of the cosine deserves, at least 8.
+            squeeze: that of the first panel (see `Panel`).
 
         Raises:
             UrushiError: counts that do not fit the panels.
@@ -119,12 +141,13 @@ class Grid:
             high = np.sqrt((index - before) * (index + before)) / index
             count = max(int(np.ceil(counts * np.sqrt(high))), 8) if isinstance(counts, int) else counts[j]
             nodes, weights = _rule(count, radau=j == 0)
-            panels.append(Panel(index, 0.0, high, first, count))
-            mu = high * nodes**2
+            panel = Panel(index, 0.0, high, first, count, squeeze if j == 0 else 1.0)
+            panels.append(panel)
+            mu = panel.cosine(nodes)
             x.append(nodes)
             # (1 - mu)(1 + mu) keeps the digits near normal incidence.
             s.append(index * np.sqrt((1 - mu) * (1 + mu)))
-            etendue.append(index**2 * mu * (high * weights))
+            etendue.append(index**2 * mu * (panel.density(nodes) * weights))
             first += count
             before = index
         return cls(
@@ -151,7 +174,7 @@ class Grid:
             mu = np.sqrt((index - self.s[:n]) * (index + self.s[:n])) / index
             for p in self.panels:  # the panel's own coordinate, without the rounding of the root
                 if abs(p.index - index) <= SAME * index:
-                    mu[p.nodes] = p.high * self.x[p.nodes] ** 2
+                    mu[p.nodes] = p.cosine(self.x[p.nodes])
             found[index] = mu
         return [found[index] for index in self.indices]
 
@@ -224,9 +247,26 @@ class Grid:
         x, at = self.x[panel.nodes], panel.coordinate(mu)
         if not (odd and panel.first == 0):
             return _barycentric(x, at)
-        own = panel.high * x[1:] ** 2
+        own = panel.cosine(x[1:])
         slope = np.sqrt((1 - mu) * (1 + mu))[:, None] / np.sqrt((1 - own) * (1 + own))
         return np.concatenate([np.zeros((len(at), 1)), slope * _barycentric(x[1:], at)], axis=1)
+
+    def odd_factors(self, panel: Panel, mu: np.ndarray) -> tuple[np.ndarray, np.ndarray] | None:
+        """What makes `functions` those of odd orders: f (N,) and g (count,), to be multiplied with point by point and
+        node by node; None where they are the same.
+
+        A basis function of all nodes but the first is one of all times (x_k - x_0) / (x - x_0).
+        """
+        if panel.first:
+            return None
+        x, at = self.x[panel.nodes], panel.coordinate(mu)
+        own, away = panel.cosine(x), at - x[0]
+        sine = np.sqrt((1 - own) * (1 + own))
+        slope = np.sqrt((1 - mu) * (1 + mu))
+        # Next to the normal both go to 0: a point upon the first node has no light of odd orders.
+        return np.where(away < 0, slope / np.where(away < 0, away, 1), 0), (x - x[0]) / np.where(
+            sine > 0, sine, 1
+        )
 
 
 def _distinct(indices: Sequence[float]) -> list[float]:

@@ -20,7 +20,7 @@ from .layers import Layer, MediumLayer, SmoothLayer, TurnedOver, numbers
 from .media import METHODS, Method
 from .mixture import parts
 from .phase import MOST_TERMS, Phase, series, terms
-from .resolution import panel_counts
+from .resolution import panel_counts, squeeze
 
 #: nodes in a panel for a medium of g = 0.5, fewest, and most to begin with
 HALF, FEWEST, MOST = 15, 10, 160
@@ -56,17 +56,20 @@ def indices(stack: BoundStack) -> list[float]:
     return found[:-1] if stack.opaque else found
 
 
-def counts(stack: BoundStack, phases: list[Phase], accuracy: float) -> list[int]:
-    """Nodes per panel that should do."""
+def counts(
+    stack: BoundStack, phases: list[Phase], accuracy: float, complete: bool = False
+) -> tuple[list[int], float]:
+    """Nodes per panel that should do, and the `squeeze` of the first panel, which a `complete` stack has not."""
     alphas = [
         None if interface.flat else max(float(numbers(a)[0]) for a in interface.roughness())
         for interface in stack.interfaces
     ]
-    found = np.array(panel_counts(alphas, indices(stack), stack.opaque, accuracy), float)
+    said = alphas, indices(stack), stack.opaque, accuracy, not complete and direct_is_certain(stack)
+    found = np.array(panel_counts(*said), float)
     for part in (part for phase in phases for part in parts(phase)):
         mean = abs(float(part.moments(2)[1]))
         found = np.maximum(found, max(HALF * (0.5 / max(1 - mean, 0.03)) ** 0.75, FEWEST))
-    return [int(np.ceil(min(n, MOST))) for n in found]
+    return [int(np.ceil(min(n, MOST))) for n in found], squeeze(*said)
 
 
 def phase_functions(stack: Stack) -> list[Phase]:
@@ -122,7 +125,9 @@ def layers(
         few = alone and not complete and direct_is_certain(stack)
         most = max(layer.orders for layer in found if layer is not None) if few else MOST_ORDERS
         again = None if few else _met(stack, grid, k, rough)
-        rough[k] = again or RoughLayer(interface, grid, k, tolerance, most=most)
+        # Nodes close together towards the normal are there for lobes, which take all orders.
+        every = complete or grid.panels[0].squeeze != 1
+        rough[k] = again or RoughLayer(interface, grid, k, tolerance, most=most, every=every)
         found.append(rough[k])
     return found[::-1]
 

@@ -138,17 +138,19 @@ def _share(side: Side, fans: list[Fan], series: np.ndarray, orders: range, found
         panel = side.grid.panels[p]
         parts = [slice(f.starts[p], f.starts[p + 1]) for f in fans]
         at = np.concatenate([f.coordinate[part] for f, part in zip(fans, parts, strict=True)])
-        for odd in (False, True):
-            these = slice((orders.start + odd) % 2, None, 2)
-            if len(orders[these]) == 0:
-                continue
-            functions = side.grid.functions(panel, at, odd)
-            start = 0
-            for k, part in enumerate(parts):
-                stop = start + part.stop - part.start
-                own = flux[:, these, ends[k] + part.start : ends[k] + part.stop]
-                found[:, these, panel.nodes, k] = own @ functions[start:stop]
-                start = stop
+        even, odd = (slice((orders.start + k) % 2, None, 2) for k in (0, 1))
+        functions, turned = side.grid.functions(panel, at), side.grid.odd_factors(panel, at)
+        start = 0
+        for k, part in enumerate(parts):
+            stop = start + part.stop - part.start
+            own = flux[..., ends[k] + part.start : ends[k] + part.stop]
+            light = found[:, :, panel.nodes, k]
+            if turned is None:
+                light[:] = own @ functions[start:stop]
+            else:
+                light[:, even] = own[:, even] @ functions[start:stop]
+                light[:, odd] = (own[:, odd] * turned[0][start:stop]) @ functions[start:stop] * turned[1]
+            start = stop
 
 
 def _chunks(sizes: list[int], limit: int = 4_000_000) -> Iterator[range]:
@@ -201,7 +203,7 @@ class Pairs:
         level = self._levels(side)
         kink = self._kinks(side)
         found: np.ndarray | None = None
-        bent: list[tuple[int, np.ndarray]] = []
+        bent: list[tuple[Ring, int, np.ndarray]] = []
         circles = {int(one): ring(int(one), orders.start, orders.stop, points + SMOOTH) for one in set(level)}
         for some in _batches([(circles[one], np.flatnonzero(level == one)) for one in sorted(circles)]):
             every = self.values(
@@ -216,13 +218,22 @@ class Pairs:
                 stop = start + len(which) * len(circle.phi)
                 values = every[:, start:stop].reshape(len(every), len(which), -1)
                 found[:, which] = values @ circle.project
-                bent.append((int(level[which[0]]), which[_bent(circle, kink[which], values)]))
+                curved = _bent(circle, kink[which], values)
+                panel = np.searchsorted(circle.breaks, kink[which[curved]]) - 1
+                for one in np.unique(
+                    panel
+                ):  # what the panel with the kink says is taken back, and found anew
+                    there, places = curved[panel == one], circle.places(one)
+                    found[:, which[there]] -= values[:, there, places] @ circle.project[places]
+                    bent.append((circle, one, which[there]))
                 start = stop
         assert found is not None
-        fine = [(ring(one, orders.start, orders.stop, points, True), some) for one, some in bent if len(some)]
+        fine = [
+            (circle.finer(panel, orders.start, orders.stop, points), some) for circle, panel, some in bent
+        ]
         for batch in _batches(fine):
             for circle, which in batch:
-                found[:, which] = self._sources(side, circle, which, kink[which]) @ circle.project
+                found[:, which] += self._sources(side, circle, which, kink[which]) @ circle.project
         return found
 
     def _levels(self, side: Side) -> np.ndarray:

@@ -21,6 +21,7 @@ from .proposal import Delta, Proposal
 from .solution import Block, Solution
 from .stencil import Lookup, Stencils
 from .table import ORDER, SIDES, Series, Table
+from .through import Through
 
 
 class Prepared:
@@ -55,7 +56,8 @@ class Prepared:
         weights = LUMINANCE if colours == 3 else np.full(colours, 1 / colours)
         closed = Closed(self.stack, self.solution)
         for (from_above, to_above), part in self.solution.parts.items():
-            if from_above == to_above and closed.interface and not covers(self.stack, from_above, to_above):
+            outer = self.stack.interfaces[0 if from_above else -1]
+            if from_above == to_above and closed.interface and outer.delta is not True:
                 i = self._incident(from_above)
                 found[i] = np.maximum(_flux(part.rest, colours, i.stop - i.start) @ weights, 0)
         return found
@@ -103,10 +105,14 @@ class Closed:
 
             table = Lookup(peak.values, Float64 if number is None else number)
         sides = [(True, True)] if stack.opaque else SIDES
-        if solution.closed_form == "single" and any(covers(stack, *side) for side in sides):
+        known = solution.closed_form in ("single", "single, through")
+        if known and any(covers(stack, *side) for side in sides):
             self.once = Once(stack, attenuation(stack, solution.forward), peak, table)
+        self.through = None
+        if solution.closed_form in ("through", "single, through"):
+            self.through = Through(stack, attenuation(stack, solution.forward))
         passes = len(stack.interfaces) == 1 and not stack.opaque and stack.interfaces[0].delta is not True
-        self.more = self.once is not None or (self.interface and passes)
+        self.more = self.once is not None or self.through is not None or (self.interface and passes)
 
     def eval(self, wi: Vector, wo: Vector) -> Array:
         """Flux density from wi to wo."""
@@ -115,6 +121,8 @@ class Closed:
             value = value + direct(self.stack, wi, wo)
         if self.once is not None:
             value = value + self.once.eval(wi, wo)
+        if self.through is not None:
+            value = value + self.through.eval(wi, wo)
         return value
 
     def density(
@@ -130,6 +138,8 @@ class Closed:
         value: Array = 0 * wi.x
         if self.once is not None:
             value = value + self.once.eval(wi, wo)
+        if self.through is not None:
+            value = value + self.through.eval(wi, wo)
         if self.interface and from_above != to_above:
             value = value + direct(self.stack, wi, wo)
         found = np.atleast_2d(np.array(value))  # grey where what has a closed form is

@@ -38,6 +38,8 @@ class RoughLayer:
         points: Gauss points per panel of all integrals: 6 are good to 2e-5 of the peak of a stack, 8 to 5e-6, 12 to
             1e-6; None for as many as the tolerance asks for.
         most: orders that anyone will ask for.
+        every: whether all of them will be asked for: then they are computed at once, as far as they fit in twice the
+            memory.
 
     Attributes:
         orders: azimuthal orders from this one on are negligible (see `first`).
@@ -53,8 +55,9 @@ class RoughLayer:
         tolerance: float = 1e-4,
         points: int | None = None,
         most: int = MOST_ORDERS,
+        every: bool = False,
     ) -> None:
-        self.grid = grid
+        self.grid, self._every = grid, every
         self.points = points or (6 if tolerance >= 5e-5 else 8 if tolerance >= 5e-6 else 12)
         below = region if interface.opaque else region + 1
         self.above, self.below = grid.count(region), 0 if interface.opaque else grid.count(below)
@@ -107,7 +110,10 @@ class RoughLayer:
     def _at_once(self, start: int, first: int) -> int:
         """How many orders to compute together, beginning with this one and on the nodes from `first` on."""
         size = 8 * 4 * 3 * (len(self.grid.s) - first) ** 2
-        return max(min(max(AHEAD, start), AHEAD_MEMORY // size), 1)
+        few = max(AHEAD, start)
+        left = self.orders - start
+        wanted = left if self._every or left <= 1.5 * few else few
+        return max(min(wanted, (2 if self._every else 1) * AHEAD_MEMORY // size), 1)
 
     def _raw(self, orders: range, first: int) -> Slab:
         """The four matrices as columns give them."""

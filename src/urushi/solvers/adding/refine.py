@@ -27,10 +27,11 @@ Closed = Callable[[Solution], Mapping[Side, np.ndarray]]
 COSINES = np.array([1.0, 0.996, 0.96, 0.83, 0.68, 0.52, 0.37, 0.23, 0.11])
 OFFSETS = np.radians([0, 0.7, -1.1, 2.3, -3.1, 5.7, -7.9, 13.0, -17.0, 31.0, -41.0, 57.0])
 AZIMUTHS = np.radians([0, 0.9, 3.7, 11.0, 29.0, 75.0, 120.0, 180.0])
-#: what the number of nodes is multiplied with
-GROWTH = 1.5
-#: the slowest pace that is believed in: what is left is so much over one less that
-SLOWEST = 0.75
+#: what the number of nodes is multiplied with in a whole step; the shortest step, for where less should do; and what of
+#: the accuracy asked for the next solution is to have
+GROWTH, SHORTEST, AIM = 1.5, 0.45, 0.7
+#: by how much a whole step makes errors smaller: no less is believed in, and no more
+SLOWEST, FASTEST = 0.75, 1 / 6
 #: nodes beyond which refining gives up
 MOST_NODES = 1500
 
@@ -43,6 +44,7 @@ def refine(
     progress: Callable[[int, float], Any] | None = None,
     heights: Mapping[Side, np.ndarray] | None = None,
     closed: Closed | None = None,
+    step: float = 1.0,
 ) -> Solution:
     """Solve with more and more nodes until nothing changes any more.
 
@@ -55,6 +57,8 @@ def refine(
         progress: called with (nodes, error) after each solution.
         heights: see `difference`.
         closed: see `Seen`.
+        step: that of the first three solutions, and whether later ones may be shorter than whole ones: for lobes that
+            a few nodes more resolve.
 
     Returns:
         the last solution, its diagnostics completed by "estimated_error", "accuracy", "seconds" and "history".
@@ -64,16 +68,19 @@ def refine(
     """
     start = time.perf_counter()
     if more:
-        counts = _fewer(counts)
-    coarse = Seen(solve(_fewer(counts)), closed)
+        counts = _fewer(counts, step)
+    coarse = Seen(solve(_fewer(counts, step)), closed)
     history: list[tuple[int, float]] = []
     before: np.ndarray | None = None
+    steps = (step, step)
     while True:
         fine = solve(counts)
         seen = Seen(fine, closed)
         change = changes(coarse, seen, heights)
+        pace = None if before is None else _pace(change, before, steps)
+        left = change if pace is None else change * (pace ** steps[1] / (1 - pace ** steps[1]))
         # Three digits, never fewer than there are.
-        error = float(f"{1.005 * float((change * _left(change, before)).max()):.2e}")
+        error = float(f"{1.005 * float(left.max()):.2e}")
         history.append((len(fine.grid.s), error))
         if progress is not None:
             progress(*history[-1])
@@ -84,7 +91,8 @@ def refine(
                 "seconds": round(time.perf_counter() - start, 4),
             }
             return replace(fine, diagnostics={**fine.diagnostics, **found, "history": history})
-        counts = [int(np.ceil(GROWTH * n)) for n in counts]
+        steps = (steps[1], step if pace is None or step == 1 else _step(left, pace, accuracy))
+        counts = [int(np.ceil(GROWTH ** steps[1] * n)) for n in counts]
         if sum(counts) > MOST_NODES:
             raise UrushiError(
                 f"accuracy: found {accuracy:g}, but {len(fine.grid.s)} nodes still leave an error of {error:.2g}; "
@@ -94,16 +102,28 @@ def refine(
         del fine  # as large as all else together
 
 
-def _fewer(counts: list[int]) -> list[int]:
-    return [max(int(n / GROWTH), 4) for n in counts]
+def _fewer(counts: list[int], step: float) -> list[int]:
+    return [max(int(n / GROWTH**step), 4) for n in counts]
 
 
-def _left(change: np.ndarray, before: np.ndarray | None) -> np.ndarray | float:
-    """What is left to go of the last changes: the sum of all to come, if they shrink as the last two did."""
-    if before is None:
-        return 1.0
-    rate = np.minimum(change / np.maximum(before, 1e-300), SLOWEST)
-    return np.maximum(rate / (1 - rate), 0.2)
+def _pace(change: np.ndarray, before: np.ndarray, steps: tuple[float, float]) -> np.ndarray:
+    """By how much a whole step makes each error smaller, from the last changes over two `steps`.
+
+    An error e that shrinks by p^s in a step s changes by e (1 - p^s), and the next one by e p^s (1 - p^t).
+    """
+    pace = np.linspace(FASTEST, SLOWEST, 100)
+    first, second = pace ** steps[0], pace ** steps[1]
+    found: np.ndarray = np.interp(
+        change / np.maximum(before, 1e-300), first * (1 - second) / (1 - first), pace
+    )
+    return found
+
+
+def _step(left: np.ndarray, pace: np.ndarray, accuracy: float) -> float:
+    """The shortest step after which what is `left` should be small enough; a whole one if none is."""
+    steps = np.linspace(SHORTEST, 1.0, 12)
+    enough = (left * pace ** steps[:, None]).max(axis=1) <= AIM * accuracy
+    return float(steps[np.argmax(enough)]) if enough.any() else 1.0
 
 
 def difference(

@@ -16,7 +16,7 @@ from ...adding import Slab, add, from_above
 from ...interfaces import Null
 from ..bound import BoundStack
 from ..direct import direct_is_certain
-from . import MOST_ORDERS, once
+from . import MOST_ORDERS, once, through
 from .basis import Grid
 from .layers import Layer, MediumLayer, SmoothLayer
 from .operator import OPERATORS, Operator
@@ -81,7 +81,7 @@ def solve_on(
         most, tolerance = min(most, count), 0.0
     heights = np.zeros((0, 2))
     for orders in _chunks(most, grid, colours):
-        found = _solve_orders(stack, grid, layers, orders, _first(there, orders))
+        found = _solve_orders(stack, grid, layers, orders, _first(there, orders), not complete)
         if found.whole.symmetric:
             distinct = SIDES[:2]  # from below it looks as from above
         heights = np.append(heights, np.max([gathered[side].add(found) for side in distinct], axis=0), axis=0)
@@ -94,7 +94,7 @@ def solve_on(
         side: gathered[side if side in distinct else (True, side[0] == side[1])].part(side) for side in sides
     }
     sizes = {"nodes": len(grid.s), "orders": used, "complete": complete}
-    return Solution(grid, parts, closed_form(stack), colours, sizes)
+    return Solution(grid, parts, closed_form(stack, not complete), colours, sizes)
 
 
 def cut(solution: Solution, stop: int) -> Solution:
@@ -201,7 +201,7 @@ def _chunks(most: int, grid: Grid, colours: int) -> Iterator[range]:
 
 
 def _solve_orders(
-    stack: BoundStack, grid: Grid, layers: Sequence[Layer | None], orders: range, first: int
+    stack: BoundStack, grid: Grid, layers: Sequence[Layer | None], orders: range, first: int, more: bool
 ) -> Found:
     slabs = [None if layer is None else layer.slab(orders, first) for layer in layers]
     there = [slab for slab in slabs if slab is not None] or [nothing(len(grid.s) - first)]
@@ -211,7 +211,7 @@ def _solve_orders(
             below = Slab(*from_above(slab, below, OPERATORS), below.r_bottom, below.t_up)
         else:
             below = add(slab, below, OPERATORS)
-    return Found(orders, first, below, _closed(stack, layers, slabs, orders, first))
+    return Found(orders, first, below, _closed(stack, layers, slabs, orders, first, more))
 
 
 def _closed(
@@ -220,8 +220,11 @@ def _closed(
     slabs: Sequence[Slab | None],
     orders: range,
     first: int,
+    more: bool,
 ) -> dict[tuple[bool, bool], Operator]:
-    """What has a closed form: the outermost interface alone, or one collision behind it where it is smooth."""
+    """What has a closed form: the outermost interface alone, or one collision behind it where it is smooth; and, if
+    `more`, one rough interface behind smooth ones.
+    """
     found: dict[tuple[bool, bool], Operator] = {}
     top, bottom = slabs[0], slabs[-1]
     if direct_is_certain(stack):
@@ -242,6 +245,10 @@ def _closed(
         if number not in light:
             light[number] = medium.once(orders, first)
         found[above, to_above] = _once(light[number], (top, bottom), (above, to_above))
+    for side in SIDES if more else ():
+        behind = through.operator(stack, slabs, side)
+        if behind is not None:
+            found[side] = found[side] + behind if once.covers(stack, *side) else behind
     return found
 
 
@@ -317,8 +324,13 @@ def _coloured(delta: np.ndarray | None, colours: int) -> np.ndarray | None:
     return None if delta is None else np.broadcast_to(delta, (colours, delta.shape[1]))
 
 
-def closed_form(stack: BoundStack) -> str | None:
-    """What the BSDF of a stack adds exactly: see `Solution.closed_form`."""
+def closed_form(stack: BoundStack, more: bool = False) -> str | None:
+    """What the BSDF of a stack adds exactly: see `Solution.closed_form`; with one rough interface behind smooth ones if
+    `more`.
+    """
+    behind = more and through.anywhere(stack)
     if any(once.covers(stack, above, above) for above in ((True,) if stack.opaque else (True, False))):
-        return "single"
-    return "interface" if direct_is_certain(stack) else None
+        return "single, through" if behind else "single"
+    if not direct_is_certain(stack):
+        return None
+    return "through" if behind else "interface"

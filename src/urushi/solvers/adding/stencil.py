@@ -83,7 +83,7 @@ class Stencils:
         self.counts = [grid.count(region) for region in regions]
         # Both sides may have the same index, and then one set of everything.
         self.same = len(regions) == 1 or abs(grid.indices[regions[0]] / grid.indices[regions[1]] - 1) < SAME
-        self.panels: list[list[tuple[float, float, float, float]]] = []
+        self.panels: list[list[tuple[float, float, float, float, float]]] = []
         keys: list[np.ndarray] = []
         psi, node, flip, first, weights = [], [], [], [], []
         entries = 0
@@ -109,7 +109,9 @@ class Stencils:
                 node.append(np.concatenate([number_of[own_image:][::-1], number_of]))
                 mirrored = np.arange(len(ext)) < p.count - own_image
                 flip.append((mirrored & bool(own_image)).astype(np.uint32))
-                here.append((p.index / index, float(p.high), before / index, APART * (len(keys) - 1)))
+                here.append(
+                    (p.index / index, float(p.high), before / index, APART * (len(keys) - 1), p.squeeze)
+                )
                 entries += len(ext)
                 before = p.index
             self.panels.append(here)
@@ -152,14 +154,14 @@ class Stencils:
     def _coordinate(self, side: int, sin: Array, cos: Array) -> tuple[Array, Array]:
         """psi in its panel, and the key to search for."""
         psi, key, chosen = 0 * sin, 0 * sin, None
-        for ratio, high, before, offset in self.panels[side]:
+        for ratio, high, before, offset, squeeze in self.panels[side]:
             # All in units of the index of the region: ratio is the panel's own, sin / ratio the sine in its medium.
             own = cos if ratio >= 1 - SAME else root(1 - dr.square(sin * (1 / ratio)))
             rest = (dr.square(sin) - before**2) / (
                 ratio**2 * high * (high + own)
             )  # 1 - x^2, without cancellation
             x_sq = own * (1 / high)
-            here = dr.atan2(root(rest), root(x_sq))
+            here = dr.atan2(root(rest), squeeze * root(x_sq))
             if chosen is None:
                 psi, key, chosen = here, here + offset, sin <= ratio
             else:

@@ -30,9 +30,12 @@ from .solver import cut, solve_on
 from .spectrum import Spectrum
 from .table import SIDES
 from .threads import one_thread
+from .through import Through, anywhere, met
 
 #: fewest nodes to try a grid with
 FEWEST = 24
+#: the first steps of `refine` where nodes are close together towards the normal
+SHORT = 0.65
 #: phase functions of so many terms, less than this left out, have no peak that any nodes leave unresolved
 FEW_TERMS, NOTHING = 64, 1e-7
 #: see `solution`
@@ -69,6 +72,7 @@ def solution(
             progress,
             heights,
             problem.closed,
+            1.0 if problem.squeeze == 1 else SHORT,
         )
         return found if orders is None else _with_left_out(problem, found, orders, heights)
 
@@ -98,11 +102,14 @@ class _Problem:
         self.sharp = any(abs(phase.moments(FEW_TERMS)[-1]) > NOTHING for phase in self.phases)
         self.indices, self.extra = build.indices(self.bound), tuple(extra)
         self.accuracy, self.tolerance = accuracy, 0.1 * accuracy
+        self.few, self.squeeze = build.counts(self.bound, self.phases, accuracy, bool(self.extra))
         self.orders, self.media = orders, media
 
     def solve(self, counts: list[int]) -> Solution:
         bound = self.bound
-        grid = replace(Grid.build([*self.indices, *self.extra], counts), indices=tuple(self.indices))
+        grid = replace(
+            Grid.build([*self.indices, *self.extra], counts, self.squeeze), indices=tuple(self.indices)
+        )
         layers = self.every.layers(self.phases, grid, self.tolerance, bool(self.extra), method=self.media)
         found = solve_on(bound, grid, layers, self.colours, self.tolerance, bool(self.extra), self.orders)
         media = [layer for layer in layers if isinstance(layer, MediumLayer)]
@@ -113,17 +120,15 @@ class _Problem:
         return found
 
     def closed(self, solution: Solution) -> dict[tuple[bool, bool], np.ndarray]:
-        """Light scattered once where `refine` looks, if how it fades depends on the nodes (see `Seen`)."""
-        if not self.sharp or solution.closed_form != "single":
+        """What fades in media, where `refine` looks, if how it does depends on the nodes (see `Seen`)."""
+        if not self.sharp or solution.closed_form in ("interface", None):
             return {}
         solution.peaks.update(peaks(self.bound, self.phases, solution.terms))
         thirds = self.every.thirds
         found = {}
         for side in solution.parts:
-            if covers(self.bound, *side):
-                values = [
-                    _values(bound, self.indices, side, Closed(bound, solution).eval) for bound in thirds
-                ]
+            if covers(self.bound, *side) or met(self.bound, *side) is not None:
+                values = [_values(self.indices, side, Closed(bound, solution).eval) for bound in thirds]
                 if len(values) > 1:
                     values = [np.broadcast_to(v, (3, *v.shape[1:])) for v in values]
                 found[side] = np.concatenate(values)[: self.colours]
@@ -132,9 +137,9 @@ class _Problem:
     def counts(self, nodes: int | Sequence[int] | None) -> list[int]:
         """Nodes per panel to begin with, or those that are asked for."""
         panels = len(Grid.build([*self.indices, *self.extra], FEWEST).panels)
-        own = build.counts(self.bound, self.phases, self.accuracy)
         if nodes is None:
-            return [own[0], *[own[-1]] * (panels - 1)]
+            own = self.few
+            return own if len(own) == panels else [own[0], *[own[-1]] * (panels - 1)]
         counts: list[Any] = list(nodes) if np.iterable(nodes) else [nodes] * panels
         if len(counts) != panels or not all(isinstance(n, Integral) and int(n) >= 4 for n in counts):
             raise UrushiError(
@@ -161,24 +166,25 @@ def _with_left_out(
 def _heights(
     thirds: Sequence[BoundStack], indices: Sequence[float]
 ) -> dict[tuple[bool, bool], np.ndarray] | None:
-    """The largest f of the outermost interfaces where `refine` looks (see `difference`); None if they are smooth.
+    """The largest f of what interfaces have a closed form where `refine` looks (see `difference`); None without any.
 
     Of all channels, three of which each of the stacks has.
     """
     stack = thirds[0]
-    if stack.interfaces[0].delta is True and stack.interfaces[-1].delta is True:
-        return None
-    if not direct_is_certain(stack):
+    smooth = stack.interfaces[0].delta is True and stack.interfaces[-1].delta is True
+    if (smooth and not anywhere(stack)) or not direct_is_certain(stack):
         return None
     found = {}
     for side in ((True, True),) if stack.opaque else SIDES:
-        every = [_values(third, indices, side, partial(direct, third)) for third in thirds]
+        every = [_values(indices, side, partial(direct, third)) for third in thirds]
+        if met(stack, *side) is not None:
+            every += [_values(indices, side, Through(third, {}).eval) for third in thirds]
         found[side] = np.concatenate(every).max(axis=(0, 2, 3))
     return found
 
 
 def _values(
-    stack: BoundStack, indices: Sequence[float], side: tuple[bool, bool], closed: Callable[[Any, Any], Any]
+    indices: Sequence[float], side: tuple[bool, bool], closed: Callable[[Any, Any], Any]
 ) -> np.ndarray:
     """(C, I, O, A) f of a closed form where `refine` looks."""
     from drjit.llvm.ad import Array3f64, Float64

@@ -42,5 +42,5 @@ def _functions(coarse: Grid, fine: Grid, region: int, odd: bool) -> np.ndarray:
 
 def _cosines(grid: Grid, panel: Panel) -> np.ndarray:
     """Cosines of the nodes of a panel in its own medium."""
-    cosines: np.ndarray = panel.high * grid.x[panel.nodes] ** 2
+    cosines: np.ndarray = panel.cosine(grid.x[panel.nodes])
     return cosines
