@@ -62,8 +62,9 @@ class BoundGraded(BoundMedium):
         phase = phases[0] if len(phases) == 1 else Mixed(phases, shares)
         super().__init__(depth, mean, phase, scatters=mean > 0)
         self.heights, self.phases, self.albedos = heights, phases, albedos
-        self.most = max(map(sum, zip(*albedos, strict=True)))
-        self._brightest = BoundMedium(depth, self.most, phase)
+        most = max(map(sum, zip(*albedos, strict=True)))
+        self._brightest = BoundMedium(depth, most, phase)
+        self._relative = [[albedo / most if most else 0.0 for albedo in row] for row in albedos]
 
     @classmethod
     def bind(cls, given: Any) -> BoundGraded:
@@ -85,10 +86,9 @@ class BoundGraded(BoundMedium):
     def fly(self, t: Array, w: Vector, throughput: Array, u1: Array, u2: Array, u3: Array) -> Flight:
         """As `BoundMedium.fly`; the weight never exceeds what the brightest part lets live."""
         flight = self._brightest.fly(t, w, throughput, u1, u2, u3)
-        here: Array = 0 * t
+        share: Array = 0 * t
         for part in self._at(flight.t):
-            here = here + part
-        share = here * (1 / self.most)
+            share = share + part
         return Flight(
             flight.collided,
             flight.t,
@@ -112,17 +112,17 @@ class BoundGraded(BoundMedium):
         return gone - flight.scattered
 
     def _at(self, t: Array) -> list[Array]:
-        """What each phase function scatters at a position."""
+        """What each phase function scatters at a position, relative to all of it where most is scattered."""
         begin: Array = self.heights[0]
         inverse: Array = 1 / (self.heights[1] - self.heights[0])
-        rows: list[tuple[Array, Array]] = [(row[0], row[1] - row[0]) for row in self.albedos]
+        rows: list[tuple[Array, Array]] = [(row[0], row[1] - row[0]) for row in self._relative]
         for k in range(1, len(self.heights) - 1):
             below = t >= self.heights[k]
             begin = dr.select(below, self.heights[k], begin)
             inverse = dr.select(below, 1 / (self.heights[k + 1] - self.heights[k]), inverse)
             rows = [
                 (dr.select(below, row[k], a), dr.select(below, row[k + 1] - row[k], step))
-                for (a, step), row in zip(rows, self.albedos, strict=True)
+                for (a, step), row in zip(rows, self._relative, strict=True)
             ]
         along = (t - begin) * inverse
-        return [a + along * step for a, step in rows]
+        return [at_least(a + along * step, 0) for a, step in rows]  # no less, by rounding
