@@ -136,6 +136,16 @@ def test_values_densities_and_samples(kind: str, rng: np.random.Generator) -> No
     np.testing.assert_allclose(found.pdf, quick.pdf(wi, found.wo), rtol=1e-3)
 
 
+def test_a_forward_medium_without_a_coat(rng: np.random.Generator) -> None:
+    """What it does not scatter is a lobe as wide at all angles: one number for any count of directions."""
+    medium = ur.Medium(depth=1.0, albedo=0.5, phase=ur.HenyeyGreenstein(g=0.5))
+    stack = ur.Stack(layers=[medium, ur.Conductor(**GOLD, alpha=0.2)])
+    wi, wo = (np.array(_directions(20, True, rng)).T.astype(float) for _ in range(2))
+    wi, wo = (w / np.linalg.norm(w, axis=1, keepdims=True) for w in (wi, wo))
+    table, recursion = (LobesBSDF(stack, precision=p).eval(wi, wo) for p in ("single", "double"))
+    np.testing.assert_allclose(table, recursion, rtol=5e-3, atol=1e-4)
+
+
 def test_energies_of_a_table_in_the_furnace() -> None:
     """What is white by the recursion stays so: reflectance asks the recursion, samples carry what the tables say."""
     complete = {"alpha": 0.3, "multiple_scattering": "compensated"}

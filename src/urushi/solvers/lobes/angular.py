@@ -218,7 +218,9 @@ class Columns:
         gain = self.add("shape", lobe.gains(), energy)[0] if weighed else None
         bend = None if lobe.same else self.add("bend", lobe.axis.x / self.sin, energy, alphas[:1])[0]
         if not alphas:
-            dr.make_opaque(lobe.alpha_x)
+            # One number, whatever it was computed beside: that may have given it as many lanes.
+            alpha = dr.opaque(type(along), float(np.ravel(np.array(along))[0]))
+            lobe = replace(lobe, alpha_x=alpha, alpha_y=alpha)
         kept = replace(lobe, energy=_empty(lobe.energy), axis=None, frame=Frame(0.0))
         if alphas:
             kept = replace(kept, alpha_x=None, alpha_y=None)
