@@ -13,9 +13,10 @@ from ...media import MEDIA, BoundGraded
 from ..bound import BoundStack, bind
 from ..direct import direct_is_certain
 from ..numbers import gather_numbers
+from . import MOST_ORDERS
 from .basis import Grid
 from .graded import GradedLayer, mixture
-from .interfaces import MOST_ORDERS, RoughLayer, same_surface
+from .interfaces import RoughLayer, same_surface
 from .layers import Layer, MediumLayer, SmoothLayer, TurnedOver, numbers
 from .media import METHODS, Method
 from .mixture import parts

@@ -15,14 +15,12 @@ from ...adding import Slab
 from ...interfaces import BoundDielectric, Interface
 from ...interfaces.compensated import Compensated
 from ...interfaces.walked import Walked
-from . import wide
+from . import MOST_ORDERS, wide
 from .balance import all_reciprocal, scales
 from .basis import Grid
 from .columns import Side, columns
 from .operator import Operator
 
-#: nothing has more orders than this
-MOST_ORDERS = 1 << 14
 #: orders computed at once, at least, where they fit in so many bytes
 AHEAD, AHEAD_MEMORY = 64, 1 << 28
 

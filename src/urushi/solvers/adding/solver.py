@@ -7,7 +7,7 @@ with the outermost interface, or one collision behind a smooth one) is taken off
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -32,9 +32,6 @@ MEMORY, CACHE = 1 << 26, 1 << 17
 QUIET = 4
 #: cosine of incidence from which on each node's own light counts, and how much more of it may be left out
 GRAZING, OWN = 0.06, 2
-
-#: what makes the layers of a stack on a grid
-Prepare = Callable[[Grid], Sequence[Layer]]
 
 
 @dataclass(frozen=True)
