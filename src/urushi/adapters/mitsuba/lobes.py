@@ -54,12 +54,12 @@ class Lobes:
         self._energies: Energies | None = None
         mi, variant = self.mi, self.mi.variant()
         one_per_lane = self.surface.varies or ("spectral" in variant and self.surface.coloured)
-        if one_per_lane or mi.Float is float:
+        if one_per_lane:
             return
         values = self.surface.at(dr.zeros(mi.SurfaceInteraction3f), True)
         core = self._core(values, True, {}, uniform=True)
         core.energies = self._energies = Energies.of(core)
-        if "double" not in variant and not _live(values):
+        if mi.Float is not float and "double" not in variant and not _live(values):
             self._tables = tabulate(core, mi.Vector3f)
 
     def _core(self, values: dict[str, Any], radiance: bool, tables: Any, uniform: bool = False) -> LobesCore:

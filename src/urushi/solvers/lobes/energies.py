@@ -16,9 +16,10 @@ import drjit as dr
 import numpy as np
 
 from ...adding import Slab, add, within
-from ...interfaces import BoundConductor, BoundDielectric, Null
+from ...interfaces import BoundConductor, BoundDielectric, BoundDiffuse, Null
 from ...optics.phase import HenyeyGreenstein, Isotropic
 from ...optics.vectors import Array, at_least, channels
+from ..arrays import backend_module
 from ..bound import BoundStack
 from . import rows
 from .grid import Grid
@@ -33,17 +34,18 @@ if TYPE_CHECKING:
 #: cells of the table
 CELLS = 224
 #: relative step of derivatives, and where numbers end
-STEP = 1e-3
-LIMITS = {"alpha": (1e-4, 1.0), "albedo": (0.0, 1.0), "g": (-0.999, 0.999)}
+STEP, STEPS = 5e-3, {"alpha": 5e-2}
+LIMITS = {"alpha": (1e-4, 1.0), "albedo": (0.0, 1.0), "g": (-0.999, 0.999), "reflectance": (0.0, 1.0)}
 #: less than this that is scattered is not followed
 FAINT = 1e-6
 
 
 def follows(stack: BoundStack) -> bool:
     """Whether the energies of a stack are followed: two interfaces that light goes through, or particles, and something
-    that widens it; all alike in all azimuths, and nothing diffuse."""
+    that widens it; all alike in all azimuths, and no diffuse base of facets."""
     inner = [interface.single or interface for interface in stack.interfaces]
-    if stack.tilted or not all(isinstance(i, (BoundConductor, BoundDielectric, Null)) for i in inner):
+    known = BoundConductor, BoundDielectric, BoundDiffuse, Null
+    if stack.tilted or not all(isinstance(i, known) for i in inner):
         return False
     media = [m for m in stack.media if m is not None]
     hazy = any(m.scatters for m in media)
@@ -51,7 +53,7 @@ def follows(stack: BoundStack) -> bool:
         return False
     pairs = [i.roughness() for i in inner]
     plain = all(x is y or (isinstance(x, float) and x == y) for x, y in pairs)
-    rough = hazy or not all(i.flat or still(i) for i in stack.interfaces)
+    rough = hazy or not all(i.flat or still(i) for i in stack.interfaces if not isinstance(i, BoundDiffuse))
     return plain and rough and (hazy or sum(isinstance(i, BoundDielectric) for i in inner) > 1)
 
 
@@ -69,10 +71,11 @@ class Energies:
     @classmethod
     def of(cls, core: LobesCore) -> Energies | None:
         """Those of a stack of numbers that are the same for all lanes; None where the recursion is to be asked."""
-        stack = core.stack
-        if not core.uniform or core.published or core.tilted is not None or not follows(stack):
+        stack, number = core.stack, core.spectrum
+        if core.published or core.tilted is not None or not follows(stack):
             return None
-        number = core.spectrum
+        if not dr.is_jit_v(number):
+            number = backend_module("auto").Float
         while dr.depth_v(number) > 1:
             number = dr.value_t(number)
         all_of = numbers(stack)
@@ -105,9 +108,10 @@ class Energies:
         whole = exact
         for same, k in ((True, -2), (False, -1)):
             beams = list(zip(*(_beams(a, same) for a in (answer, still, exact)), strict=True))
-            diffuse = answer.diffuse if same else answer.beyond
+            diffuse, alone, rest = ((a.diffuse if same else a.beyond) for a in (answer, still, exact))
             if not beams and _nothing(diffuse):
                 continue
+            diffuse = diffuse if _nothing(alone) else at_least(diffuse - alone, 0)
             more = [at_least(one.energy - other.energy, 0) for one, other, _ in beams]
             told = sum(more, diffuse)
             factor = side.picked(found, k, told) / at_least(told, FAINT)
@@ -115,7 +119,7 @@ class Energies:
                 replace(one, energy=known.energy + part * factor)
                 for part, (one, _, known) in zip(more, beams, strict=True)
             ]
-            diffuse = 0.0 if _nothing(diffuse) else diffuse * factor
+            diffuse = rest if _nothing(diffuse) else rest + diffuse * factor
             if same:
                 whole = replace(whole, reflected=new, diffuse=diffuse)
             else:
@@ -129,6 +133,9 @@ class Energies:
             replace(beam, energy=side.picked(found, beam.layer, beam.energy)) for beam in answer.reflected
         ]
         answer = replace(answer, reflected=reflected)
+        if not _nothing(answer.diffuse):  # of a base
+            k = len(found) // side.colours - 5
+            answer = replace(answer, diffuse=side.picked(found, k, answer.diffuse))
         if answer.through is None:
             return answer
         whole, straight = (side.picked(found, k, answer.through.energy) for k in (-4, -3))
@@ -225,7 +232,7 @@ class Pile:
         #: place, as it is to light that is never scattered, and to all
         self.layers: list[tuple[Place, Slab, Slab]] = []
         for k in range(len(stack.interfaces)):
-            of = {(name, k) for name in ("alpha", "eta", "k", "index")} | {("index", k + 1)}
+            of = {(name, k) for name in ("alpha", "eta", "k", "reflectance", "index")} | {("index", k + 1)}
             if base is None or changed & of:
                 slab = self.kernels.slab(k)
                 known[False, k] = slab, slab
@@ -253,7 +260,7 @@ class Pile:
         for key in live:
             value = self.given[key]
             low, high = LIMITS.get(key[0], (0.0, np.inf))
-            step = STEP * np.maximum(np.abs(value), 0.1)
+            step = STEPS.get(key[0], STEP) * np.maximum(np.abs(value), 0.1)
             ends = np.maximum(value - step, low), np.minimum(value + step, high)
             less, more = (
                 Pile(self.stack, {**self.given, key: end}, self.number, self)._followed(cos, above)[0]
@@ -301,7 +308,7 @@ class Pile:
     def _shadowed(self, down: list[np.ndarray]) -> np.ndarray:
         """(C, M) what facets of the base reflect and others keep."""
         base = self.stack.interfaces[-1]
-        if not base.opaque or base.single is not None or still(base):
+        if not isinstance(base, BoundConductor) or still(base):  # or nothing is lost
             return np.zeros((1, down[0].shape[-1]))
         k = len(self.stack.interfaces) - 1
         white = self.kernels.white(k, self.nodes.cosines(k))

@@ -15,7 +15,7 @@ import drjit as dr
 import numpy as np
 
 from ...adding import Algebra, Slab, double
-from ...interfaces import BoundConductor, BoundDielectric, Interface, Null
+from ...interfaces import BoundConductor, BoundDielectric, BoundDiffuse, Interface, Null
 from ...interfaces.base import Frame
 from ...optics.fresnel import fresnel_conductor, fresnel_dielectric
 from ...optics.microfacet import Microfacets
@@ -43,7 +43,7 @@ def _series(a: Any, b: Any, x: Any) -> Any:
 ALGEBRA = Algebra(operator.matmul, _series)
 
 
-#: what a number is of ("index", "alpha", "eta", "k", "depth", "albedo", "g"), and of which region or interface
+#: what a number is ("index", "alpha", "eta", "k", "reflectance", "depth", "albedo", "g"), of which region or interface
 Key = tuple[str, int]
 
 
@@ -57,6 +57,8 @@ def numbers(stack: BoundStack) -> dict[Key, Any]:
             found["alpha", k] = inner.facets.alpha_x
         if isinstance(inner, BoundConductor):
             found["eta", k], found["k", k] = inner.eta, inner.k
+        if isinstance(inner, BoundDiffuse):
+            found["reflectance", k] = inner.reflectance
     for r, medium in enumerate(stack.media):
         if medium is not None:
             found["depth", r] = medium.depth
@@ -158,6 +160,9 @@ class Kernels:
         if isinstance(inner, BoundConductor):
             r = self._metal(k, cos, self.given["eta", k], self.given["k", k])
             return r + self._returned(k, cos) if full else r, np.zeros((1, 0, len(cos)))
+        if isinstance(inner, BoundDiffuse):
+            even = self.given["reflectance", k][:, None] * self.nodes.weights(k)
+            return np.repeat(even[:, :, None], len(cos), axis=2), np.zeros((1, 0, len(cos)))
         if isinstance(inner, Null) or self.nodes.index(beyond) == self.nodes.index(here):
             light = self.number(padded(cos))
             all_of = self.nodes.shared(here, light, [1 + 0 * light], 1)

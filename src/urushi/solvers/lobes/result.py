@@ -244,12 +244,13 @@ class LobesBSDF(BSDF):
     def _flux(self, wi: Any, same: bool, with_error: bool) -> Any:
         if dr.is_array_v(wi):
             return self._erred(self._colour(self._core_of(wi, False).flux(wi, same), wi), with_error)
-        (value,) = self._map(lambda core, a: (core.flux(a, same),), (directions(wi, "wi"),))
+        (value,) = self._map(lambda core, a: (core.flux(a, same),), (directions(wi, "wi"),), False)
         return self._erred(self._shaped(value, wi, wi), with_error)
 
-    def _map(self, run: Any, inputs: tuple[np.ndarray, ...]) -> list[np.ndarray]:
+    def _map(self, run: Any, inputs: tuple[np.ndarray, ...], quick: bool = True) -> list[np.ndarray]:
         self._may_take(len(inputs[0]))
-        core = self._quick_core(self._module, self.double)
+        get = self._quick_core if quick else lambda *key: self._core(*key)[0]
+        core = get(self._module, self.double)
         return mapped(lambda *lanes: run(core, *lanes), inputs, self._module, self.double)
 
     def _may_take(self, rows: int) -> None:
@@ -273,7 +274,7 @@ class LobesBSDF(BSDF):
                 dr.eval([getattr(interface, "inv_eta", None) for interface in bound.interfaces])
             core = LobesCore(bound, spectrum, radiance, self.symmetric, self.published, uniform)
             live = any(dr.grad_enabled(v) for v in numbers.values.values())
-            if not self._cores:  # all others are of the same numbers
+            if not self._cores and numbers.lanes == 1:  # all others are of the same numbers
                 self._energies = Energies.of(core)
             core.energies = self._energies
             self._cores[key] = core, numbers.lanes
