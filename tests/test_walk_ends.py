@@ -34,12 +34,18 @@ def cosines() -> tuple[np.ndarray, np.ndarray]:
     return direction(cos_i, np.full(6, 0.3)), direction(cos_o, 0.3 + np.array([0.1, 0, 1, 2, 4, np.pi]))
 
 
-@pytest.mark.parametrize("stack", [COATED, GOLD, BRUSHED])
-def test_either_end_carries_the_same_light(stack: ur.Stack, monkeypatch: Any) -> None:
+@pytest.mark.parametrize(
+    ("stack", "options"), [(COATED, {}), (COATED, {"max_depth": 3}), (GOLD, {}), (BRUSHED, {})]
+)
+def test_either_end_carries_the_same_light(
+    stack: ur.Stack, options: dict[str, int], monkeypatch: Any
+) -> None:
     wi, wo = cosines()
-    value, error = ur.solve(stack, "walk", samples=SAMPLES).eval(wi, wo, with_error=True)
+    value, error = ur.solve(stack, "walk", samples=SAMPLES, **options).eval(wi, wo, with_error=True)
     monkeypatch.setattr(walk, "either_way", lambda _: False)
-    plain, plain_error = ur.solve(stack, "walk", samples=SAMPLES, seed=1).eval(wi, wo, with_error=True)
+    plain, plain_error = ur.solve(stack, "walk", samples=SAMPLES, seed=1, **options).eval(
+        wi, wo, with_error=True
+    )
     assert not np.array_equal(value, plain)
     away = np.abs(value - plain) / np.hypot(error, plain_error)
     assert np.all(away < 4.5), away
@@ -47,13 +53,10 @@ def test_either_end_carries_the_same_light(stack: ur.Stack, monkeypatch: Any) ->
 
 
 def test_far_from_the_mirror_direction_noise_is_less(monkeypatch: Any) -> None:
-    wi, wo = (
-        direction(np.cos(np.radians([30, 60])), np.zeros(2)),
-        direction(np.cos(np.radians([30, 60])), np.zeros(2)),
-    )
-    _, error = ur.solve(COATED, "walk", samples=SAMPLES).eval(wi, wo, with_error=True)
+    w = direction(np.cos(np.radians([30, 60])), np.zeros(2))
+    _, error = ur.solve(COATED, "walk", samples=SAMPLES).eval(w, w, with_error=True)
     monkeypatch.setattr(walk, "either_way", lambda _: False)
-    _, plain = ur.solve(COATED, "walk", samples=SAMPLES).eval(wi, wo, with_error=True)
+    _, plain = ur.solve(COATED, "walk", samples=SAMPLES).eval(w, w, with_error=True)
     assert np.all(error[:, 0] < [0.87, 0.78] * plain[:, 0])
 
 
