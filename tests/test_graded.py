@@ -342,6 +342,22 @@ def test_the_walk_follows_lanes_and_derivatives():
     assert float(dr.grad(depth)[0]) == pytest.approx(float((best[5] - best[4])[0]) / 0.04, rel=0.05)
 
 
+def test_three_numbers_are_no_colour_of_it():
+    """One depth serves every colour: three are of three evaluations. What it is at each height is no parameter."""
+    stack = ur.Stack(layers=[ur.GradedMedium(1.0, (0.1, 0.5))])
+    clear = {"layer_0.depth": np.array([0.0, 0.0, 1.0])}
+    through = ur.solve(stack, "walk", samples=64, parameters=clear).transmittance(
+        np.repeat(degrees(0), 3, axis=0)
+    )
+    assert through[0].tolist() == through[1].tolist() == [1, 1, 1] and through[2].max() < 0.9
+    with pytest.raises(ur.MaterialError, match="one depth serves every colour"):
+        ur.solve(stack, "adding", nodes=4, parameters=clear)
+    with pytest.raises(
+        ur.MaterialError, match=r"layer_0\.albedo: is no continuous parameter; allowed: layer_0\.depth"
+    ):
+        ur.solve(stack, "adding", nodes=4, parameters={"layer_0.albedo": [0.1, 0.2, 0.3]})
+
+
 def test_lobes_refuse_it_and_auto_takes_adding():
     stack = pane(ur.GradedMedium(depth=1.0, albedo=UNEVEN))
     with pytest.raises(ur.UnsupportedStack, match=r"layers\[1\] is a graded medium.*that can: walk, adding"):

@@ -13,6 +13,7 @@ from typing import Any
 import drjit as dr
 import numpy as np
 
+from urushi.description.parameter import Parameter
 from urushi.errors import MaterialError, UnsupportedStack
 from urushi.optics.ior import conductor_rgb
 from urushi.stack import Stack, Texture
@@ -162,7 +163,12 @@ def replaced(stack: Stack, given: Mapping[str, Any]) -> Stack:
                 where=name,
             )
         changes[name] = float(array.item()) if array.size == 1 else tuple(float(v) for v in array)
-    return _spelt_out(stack, given).replace(changes)
+    found = _spelt_out(stack, given).replace(changes)
+    known = described(found)
+    for name in given:
+        if name not in known:  # of a graded medium, what it is at every height
+            raise MaterialError(f"is no continuous parameter; allowed: {', '.join(known)}", where=name)
+    return found
 
 
 def _spelt_out(stack: Stack, given: Mapping[str, Any]) -> Stack:
@@ -207,14 +213,7 @@ def _lanes(stack: Stack, name: str, value: Any, module: Any, double: bool) -> tu
         )
     array = as_numbers(name, value)
     vector = is_vector(name)
-    allows_colour = vector or name.rsplit(".", 1)[-1] in (
-        "albedo",
-        "reflectance",
-        "depth",
-        "sigma_t",
-        "eta",
-        "k",
-    )
+    allows_colour = vector or _is_colour(stack, name)
     pair = name.endswith(".alpha")
     check_range(stack, name, array)
     if (array.ndim == 0 and not vector) or (array.ndim == 1 and array.shape[0] == 3 and allows_colour):
@@ -242,6 +241,15 @@ def _column(name: str, values: np.ndarray, number: Any) -> Any:
             f"found values for {values.size} evaluations; allowed with backend 'scalar': one", where=name
         )
     return float(values.item())
+
+
+def _is_colour(stack: Stack, name: str) -> bool:
+    """Whether three numbers for a parameter are one for each channel."""
+    layer, _, field = name.partition(".")
+    if not layer.startswith("layer_"):
+        return False
+    rule = type(stack.layers[int(layer.removeprefix("layer_"))]).rules().get(field)
+    return isinstance(rule, Parameter) and rule.size == 3
 
 
 def check_range(stack: Stack, name: str, array: np.ndarray) -> None:
