@@ -232,6 +232,10 @@ def test_the_table_can_be_read() -> None:
 def test_refusals() -> None:
     with pytest.raises(ur.UnsupportedStack, match="normal"):
         lobes.solve(ur.Stack(layers=[ur.Conductor(material="Au", normal=(0.1, 0, 1))]))
+    walks = ur.Conductor(material="Au", alpha=0.1, multiple_scattering="walk")
+    with pytest.raises(ur.UnsupportedStack, match=r"layers\[0\].multiple_scattering is 'walk'"):
+        lobes.solve(ur.Stack(layers=[walks]))
+    assert not lobes.reasons_against(ur.Stack(layers=[walks.model_copy(update={"alpha": 0.0})]))
     with pytest.raises(ur.UnsupportedStack, match="diffuse"):
         lobes.solve(ur.load("preset:plastic"), published=True)
     with pytest.raises(ur.UrushiError, match="published"):

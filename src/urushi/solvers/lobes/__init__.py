@@ -16,6 +16,7 @@ for any number of lights, with derivatives in every parameter.
     slopes     interfaces with normals of their own     returns     what goes back and forth between layers
     energies   energies direction by direction          kernels     what layers do to these (nodes)
     angular    all of it by the angle alone, looked up  rows        the table for that
+    energies   what is known better, angle by angle     nodes, kernels   angles, and what layers do with light of these
 
 Sources: Belcour 2018; Weier & Belcour 2020 (anisotropy); de Dinechin & Belcour 2022 (diffuse bases).
 """
@@ -39,6 +40,11 @@ def reasons_against(stack: Stack, published: bool = False) -> list[str]:
     for i, layer in enumerate(stack.layers):
         if layer.kind == "graded":
             reasons.append(f"layers[{i}] is a graded medium, and lobes know homogeneous ones only")
+        walks = layer.kind in ("dielectric", "conductor") and layer.multiple_scattering == "walk"  # type: ignore[attr-defined]
+        if walks and layer.alpha != 0:  # type: ignore[attr-defined]
+            reasons.append(
+                f"layers[{i}].multiple_scattering is 'walk', and lobes know False and 'compensated' there only"
+            )
         if published and getattr(layer, "normal", None) is not None:
             reasons.append(f"layers[{i}].normal is given, which the published method does not know")
         if published and layer.kind == "diffuse":

@@ -48,15 +48,13 @@ class Exit:
         rough = above and isinstance(base_of_all, RoughDiffuse) and clear(core.stack)
         #: a rough diffuse base that is seen through what does not scatter
         self.matte = Matte(base_of_all) if rough else None
-        self._whole: Array | None = None
-        self._mean: Array | None = None
-        self._white: Array | None = None
+        #: averages by name, as far as they are the same for all that may be asked
+        self._known: dict[str, Array] = {}
 
     def density(self, o: Vector) -> Array:
         """Per solid angle, cosine included; integrates to 1 over the side. o has z > 0."""
-        if self._whole is None:
-            self._whole = self._average(o, self._passing)
-        found = self._passing(o) * o.z / (dr.pi * at_least(self._whole, 1e-6))
+        whole = self._average("passing", o, self._passing)
+        found = self._passing(o) * o.z / (dr.pi * at_least(whole, 1e-6))
         return found if self._shaded is None else found * slopes.shade(self._shaded, o)
 
     def weighed(self, energy: Array, found: Found, wi: Vector, o: Vector) -> Array:
@@ -70,13 +68,11 @@ class Exit:
 
     def reciprocal(self, wi: Vector, wo: Vector) -> Array:
         """The diffuse part of f |cos o| in its symmetric form: m(wi) m(wo) / (pi mean m), m the diffuse energy."""
-        if self._mean is None:
-            self._mean = self._average(wi, self._energy)
-        even = self._energy(wi) * self._energy(wo) / at_least(self._mean, 1e-9)
+        mean = self._average("energy", wi, self._energy)
+        even = self._energy(wi) * self._energy(wo) / at_least(mean, 1e-9)
         if self.matte is not None:
-            if self._white is None:
-                self._white = self._average(wi, self._lit)
-            even = even + self._lit(wi) * self._lit(wo) / at_least(self._white, 1e-9) * self._seen(wi, wo)
+            white = self._average("lit", wi, self._lit)
+            even = even + self._lit(wi) * self._lit(wo) / at_least(white, 1e-9) * self._seen(wi, wo)
         return even * dr.abs(wo.z) * dr.inv_pi
 
     def _seen(self, wi: Vector, wo: Vector) -> Array:
@@ -95,10 +91,22 @@ class Exit:
             within = base.enter(within, True)
         return type(w)(within.x, within.y, at_least(within.z, 1e-3))
 
-    def _average(self, like: Vector, term: Any) -> Array:
-        """The mean of a function of directions, by cosine; once for all lanes where the stack is the same for them."""
-        if not self.core.uniform or dr.flag(dr.JitFlag.SymbolicScope):
-            return sum(w * term(_direction(like, c)) for c, w in _RULE)
+    def _average(self, name: str, like: Vector, term: Any) -> Array:
+        """The mean of a function of directions, by cosine; once for all lanes where the stack is the same for them.
+
+        Nothing is kept of what a symbolic loop or call records: outside, it has no value.
+        """
+        if name in self._known:
+            return self._known[name]
+        if dr.flag(dr.JitFlag.SymbolicScope):
+            return self._sum(like, term)
+        self._known[name] = self._once(like, term) if self.core.uniform else self._sum(like, term)
+        return self._known[name]
+
+    def _sum(self, like: Vector, term: Any) -> Array:
+        return sum(w * term(_direction(like, c)) for c, w in _RULE)
+
+    def _once(self, like: Vector, term: Any) -> Array:
         number = type(like.x)
         cos, weight = (number([row[k] for row in _RULE]) for k in (0, 1))
         sin = dr.sqrt((1 - cos) * (1 + cos) / 2)

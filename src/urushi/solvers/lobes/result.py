@@ -105,8 +105,6 @@ class LobesBSDF(BSDF):
         self._untabulated: set[tuple[str, bool]] = set()
         self._energies: Energies | None = None
         core, self.lanes = self._core(self._module, self.double)
-        if self._module.__name__ == "drjit.scalar" and self.lanes > 1:
-            raise UrushiError("backend: 'scalar' takes one value per parameter, found one per evaluation")
         self.diagnostics = {
             "method": "lobes",
             "reason": "closed form",

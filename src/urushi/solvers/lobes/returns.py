@@ -196,8 +196,8 @@ def from_below(
                 narrower = boundary.round_trip(step.cos, all_of, kept)[3]
             out = capped(plus(plus(out, down_by) * factor, up_by)) * OURS.factor(narrower)
             # What is totally reflected was the outside of the lobe: the rest is narrower, by medians of GGX.
-            kept = t / (r + t)
-            left = OURS.factor(dr.sqrt(kept / (2 - kept)))
+            out_share = t / (r + t)
+            left = OURS.factor(dr.sqrt(out_share / (2 - out_share)))
             inner, broad = width * left, plus(plus(broad * left, down_by) * factor, up_by)
             width = plus(plus(inner, down_by * CROSSED) * factor, up_by * CROSSED)
             if again is not None:
