@@ -206,7 +206,9 @@ def test_planted_faults_are_found(monkeypatch: pytest.MonkeyPatch) -> None:
     with pytest.raises(AssertionError):
         agree(sampled, replace(exact, absorbed=wrong), 1e-3)
     flown = Tally.flown
-    monkeypatch.setattr(Tally, "flown", lambda self, s, r, here: flown(self, s, r, here & (s["d"].z < 0)))
+    monkeypatch.setattr(
+        Tally, "flown", lambda self, s, r, here, *more: flown(self, s, r, here & (s["d"].z < 0), *more)
+    )
     with pytest.raises(AssertionError):
         agree(walk.absorption(WI, with_error=True), exact, 1e-3)
 
