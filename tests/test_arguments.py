@@ -61,3 +61,18 @@ def test_numbers_for_adding_that_are_none(options: dict[str, Any]) -> None:
 def test_numbers_of_numpy_are_numbers() -> None:
     found = ur.solve(SLAB, "adding", nodes=np.int64(8), accuracy=np.float32(0.01), indices=np.array([1.5]))
     assert found.diagnostics["accuracy"] == pytest.approx(0.01)
+
+
+@pytest.mark.parametrize("symmetric", [False, True])
+def test_what_is_asked_inside_a_loop_may_be_asked_outside(symmetric: bool) -> None:
+    """Nothing is kept of what a symbolic loop records, which would end the process."""
+    import drjit as dr
+    from drjit.llvm.ad import Array3f, Float, UInt
+
+    stack = ur.Stack(layers=[ur.Dielectric(ior=1.5, alpha=0.2), ur.Diffuse(reflectance=0.5)])
+    bsdf = ur.solve(stack, "lobes", symmetric=symmetric)
+    wi, wo = Array3f(Float([0.6, 0.6]), 0, 0.8), Array3f(Float([0.0, -0.6]), 0, Float([1.0, 0.8]))
+    _, inside = dr.while_loop(
+        (UInt(0), 0 * wi.x), lambda i, _: i < 3, lambda i, sum_: (i + 1, sum_ + bsdf.eval(wi, wo).x)
+    )
+    np.testing.assert_allclose(np.array(inside), 3 * np.array(bsdf.eval(wi, wo).x), rtol=1e-5)
