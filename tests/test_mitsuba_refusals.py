@@ -103,6 +103,10 @@ OPTIONS = {
         GOLD | {"method": "wlak"},
         "layered.method: found 'wlak'; did you mean 'walk'? allowed: walk, adding, lobes, auto",
     ),
+    "no truth value": (
+        GOLD | {"method": "lobes", "published": "yes"},
+        "layered.published: found 'yes'; allowed: true or false",
+    ),
     "method a number": (GOLD | {"method": 3}, "layered.method: found 3; allowed: walk, adding, lobes, auto"),
     "another method's option": (
         GOLD | {"method": "lobes", "samples": 4},

@@ -20,7 +20,7 @@ from urushi.solvers.lobes.core import LobesCore
 from urushi.solvers.lobes.energies import Energies
 from urushi.stack import Stack
 
-from .methods import is_radiance
+from .methods import is_radiance, truth
 from .surface import Surface
 
 
@@ -31,8 +31,7 @@ class Lobes:
 
     def __init__(self, mi: Any, stack: Stack, surface: Surface, props: Any) -> None:
         self.mi, self.stack, self.surface = mi, stack, surface
-        self.published = bool(props.get("published", False))
-        self.symmetric = bool(props.get("symmetric", False))
+        self.published, self.symmetric = truth(props, "published"), truth(props, "symmetric")
         reasons = reasons_against(stack, self.published)
         if reasons:
             raise UnsupportedStack("lobes", reasons, [name for name in SOLVERS if name != "lobes"])

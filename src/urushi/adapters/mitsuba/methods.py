@@ -52,6 +52,19 @@ def whole(props: Any, name: str, default: int, low: int, high: int) -> int:
     return int(value)
 
 
+def truth(props: Any, name: str) -> bool:
+    """A truth value among the plugin's parameters, false where it is not given.
+
+    Raises:
+        MaterialError: something else.
+    """
+    value = props.get(name, False)
+    if not isinstance(value, bool):
+        where = f"{props.id() or 'layered'}.{name}"
+        raise MaterialError(f"found {value!r}; allowed: true or false", where=where)
+    return value
+
+
 class Walk:
     """Random walks: a hash of (wi, wo, uv, time, seed) makes their random numbers, since Mitsuba gives `eval` none."""
 
