@@ -99,15 +99,16 @@ class Closed:
         self.stack, self.colours = stack, solution.colours
         self.interface = solution.closed_form is not None and direct_is_certain(stack)
         self.once = None
-        peak, table = solution.peaks.get(1), None
-        if peak is not None:
+        kept = {}
+        if solution.peaks:
             from drjit.llvm.ad import Float64
 
-            table = Lookup(peak.values, Float64 if number is None else number)
+            here = Float64 if number is None else number
+            kept = {region: (peak, Lookup(peak.values, here)) for region, peak in solution.peaks.items()}
         sides = [(True, True)] if stack.opaque else SIDES
         known = solution.closed_form in ("single", "single, through")
         if known and any(covers(stack, *side) for side in sides):
-            self.once = Once(stack, attenuation(stack, solution.forward), peak, table)
+            self.once = Once(stack, attenuation(stack, solution.forward), kept)
         self.through = None
         if solution.closed_form in ("through", "single, through"):
             self.through = Through(stack, attenuation(stack, solution.forward))

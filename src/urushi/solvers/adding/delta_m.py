@@ -18,10 +18,18 @@ import numpy as np
 from .mixture import Mixture, parts
 from .phase import Phase, resolved, terms
 
-#: terms, as a share of those that the nodes can tell apart: light scattered twice is exact only up to half of these
-SHARE = 0.5
-#: a peak does no such harm if its share times its height is less than so many times what goes straight back
-FAINT = 15
+#: terms of a sharp phase function, as a share of those that the nodes can tell apart
+SHARE = 1.0
+#: of these, the share from which on they fade, and where the moments are those of the peak
+FADES, MIDDLE = 0.8, 0.9
+#: a peak of less than this share of the light is none
+LEAST = 1e-6
+#: of degrees, the share from which on they are high
+HIGH = 0.15
+#: a peak is not sharp if its share times its height is less than so much of what goes the opposite way
+FAINT = 1e-3
+#: phase functions of so many terms, less than this left out, have no sharp peak
+FEW_TERMS, NOTHING = 64, 1e-7
 
 
 @dataclass(frozen=True)
@@ -31,12 +39,14 @@ class Truncated:
     Attributes:
         moments: (L,) of everything but the forward peak, per light it scatters: chi_0 = 1 - `backward`.
         forward: share of the scattered light that counts as not scattered.
-        backward: share that goes back exactly where it came from; no phase function has both.
+        backward: share that goes back exactly where it came from; no phase function but a mixture has both.
+        sharp: whether the last terms fade, as sharp peaks need, and are to be projected on the nodes (`projection`).
     """
 
     moments: np.ndarray
     forward: float
     backward: float
+    sharp: bool = False
 
     @classmethod
     def of(cls, phase: Phase, count: int) -> Truncated:
@@ -49,10 +59,22 @@ class Truncated:
             return cls._mixed([cls.of(part, count) for part in phase.parts], phase.shares)
         chi = phase.moments(count + 2)
         sign = (-1.0) ** np.arange(count + 2)
-        forward = float(chi[count]) if (chi[count:] > 0).all() else 0.0
-        backward = float(abs(chi[count])) if (sign * chi)[count:].min() > 0 and not forward else 0.0
+        peak = 0.0
+        for way in (np.ones(count + 2), sign):
+            if not peak and (way * chi)[count:].min() > 0:
+                peak, sign = float(abs(chi[count])), way
+        straight = peak > 0 and sign[1] > 0
         chi, sign = chi[:count], sign[:count]
-        return cls((chi - forward - backward * sign) / (1 - forward), forward, backward)
+        ends = phase.eval(np.array([1.0, -1.0]) if straight else np.array([-1.0, 1.0]))
+        sharp = peaked(phase) and bool(peak * ends[0] > FAINT * ends[1])
+        faded = np.ones(count)
+        if sharp:
+            # A corner in the moments would ring, loudest in the direction opposite to the peak.
+            peak = float(sign[int(MIDDLE * count)] * chi[int(MIDDLE * count)])
+            u = (np.arange(count) / count - FADES) / (1 - FADES)
+            faded = np.cos(0.5 * np.pi * np.clip(u, 0, 1)) ** 2
+        forward, backward = (peak, 0.0) if straight else (0.0, peak)
+        return cls(faded * (chi - peak * sign) / (1 - forward), forward, backward, sharp)
 
     @classmethod
     def _mixed(cls, cuts: Sequence[Truncated], shares: Sequence[float]) -> Truncated:
@@ -61,15 +83,15 @@ class Truncated:
         forward = sum(share * cut.forward for cut, share in pairs)
         left = [share * (1 - cut.forward) / (1 - forward) for cut, share in pairs]
         moments = np.sum([part * cut.moments for cut, part in zip(cuts, left, strict=True)], axis=0)
-        return cls(moments, forward, sum(part * cut.backward for cut, part in zip(cuts, left, strict=True)))
+        backward = sum(part * cut.backward for cut, part in zip(cuts, left, strict=True))
+        return cls(moments, forward, backward, any(cut.sharp for cut in cuts))
 
     @classmethod
     def fit(cls, phase: Phase, mu: np.ndarray, weights: np.ndarray, tolerance: float = 1e-9) -> Truncated:
         """As many terms as the phase function needs, and no more than the nodes of a region can multiply.
 
-        Sums over the nodes are exact up to the degree they resolve, and light scattered twice has products of two
-        terms: where the nodes cannot tell all of a forward peak apart, half as many terms are taken. With more, high
-        degrees would come back as low ones, which does most harm where least light goes, straight back.
+        Where the nodes cannot tell all of a sharp peak apart, three quarters of what they can are taken: the more, the
+        better for grazing light, the worse along the normal, where nodes are far apart.
 
         Args:
             phase: the phase function.
@@ -79,14 +101,30 @@ class Truncated:
         pieces = parts(phase)
         needed, known = max(terms(piece, tolerance) for piece in pieces), resolved(mu, weights)
         cuts = [cls.of(piece, min(needed, known)) for piece in pieces]
-        if needed > known:
-            ends = [piece.eval(np.array([-1.0, 1.0])) for piece in pieces]
-            if any(cut.forward * end[1] > FAINT * end[0] for cut, end in zip(cuts, ends, strict=True)):
-                return cls.of(phase, int(SHARE * known))
+        if needed > known and any(cut.sharp for cut in cuts):
+            return cls.of(phase, int(SHARE * known))
         return cls._mixed(cuts, phase.shares) if isinstance(phase, Mixture) else cuts[0]
+
+    @property
+    def again(self) -> bool:
+        """Whether light scattered again within the peak has a closed form: a sharp one, either way."""
+        return self.sharp and (self.forward > LEAST) != (self.backward > LEAST)
+
+    def times(self, n: int) -> tuple[np.ndarray, np.ndarray]:
+        """(L,) moments of light scattered n times but for what goes exactly on or back: high and low degrees' part."""
+        l = np.arange(len(self.moments))  # noqa: E741
+        sign = (-1.0) ** l if self.backward else np.ones(len(l))
+        found = ((sign * self.moments + self.backward) ** n - self.backward**n) * sign**n
+        low = found * np.exp(-((l / (HIGH * len(l))) ** 2))
+        return found - low, low
 
     def scale(self, depth: Any, albedo: Any) -> tuple[Any, Any]:
         """Depth and albedo of the same medium, the forward peak not counted as scattering: numbers or arrays (C,)."""
         depth, albedo = np.asarray(depth, float), np.asarray(albedo, float)
         left = 1 - albedo * self.forward
         return depth * left, np.where(left > 0, albedo * (1 - self.forward) / np.where(left > 0, left, 1), 0)
+
+
+def peaked(phase: Phase) -> bool:
+    """Whether a phase function may have a peak that some nodes do not resolve."""
+    return any(abs(part.moments(FEW_TERMS)[-1]) > NOTHING for part in parts(phase))

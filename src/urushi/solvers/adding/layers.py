@@ -13,11 +13,12 @@ import numpy as np
 from ...adding import Slab
 from ...interfaces import Interface
 from ...media import BoundMedium
-from . import media, single
+from . import media, peak, retro, single
 from .basis import Grid
 from .delta_m import Truncated
 from .operator import Operator
 from .phase import MOST_TERMS, Phase
+from .projection import Projection
 from .smooth import smooth
 
 
@@ -82,6 +83,8 @@ class MediumLayer:
             if terms is None
             else Truncated.of(phase, terms)
         )
+        sharp = self.truncated.sharp
+        self.projection = Projection(grid, region, len(self.truncated.moments)) if sharp else None
         depth, albedo = numbers(medium.depth), numbers(medium.albedo)
         self.depth, self.albedo = self.truncated.scale(depth, albedo)
         scatters = medium.scatters and bool(self.albedo.any() and self.depth.any())
@@ -98,7 +101,12 @@ class MediumLayer:
 
     def _scattered_by(self, cut: Truncated, orders: range, first: int) -> media.Scattering:
         return media.Scattering.build(
-            self.mu[first:], self.weights[first:], cut.moments, orders, cut.backward
+            self.mu[first:],
+            self.weights[first:],
+            cut.moments,
+            orders,
+            cut.backward,
+            self.projection if cut.sharp else None,
         )
 
     def slab(self, orders: range, first: int) -> Slab:
@@ -109,12 +117,28 @@ class MediumLayer:
         return Slab(r, t, r, t)
 
     def once(self, orders: range, first: int) -> tuple[Operator, Operator]:
-        """Light scattered once, reflected and transmitted, by the same series."""
+        """Light scattered once, reflected and transmitted, by the same series; and what else has a closed form."""
         n = len(self.mu) - first
         if orders.start >= self.orders:
             return Operator((n, n)), Operator((n, n))
         r, t = single.operators(self._scattering(orders, first), self.depth, self.albedo)
+        cut = self.truncated
+        if cut.again:
+            again = [self._times(count, orders, first) for count in ((2,) if cut.forward else (2, 3, 4))]
+            if cut.forward:
+                t += peak.operator(again[0], self.depth, self.albedo)
+            else:
+                sent, passed = retro.operators(cut.backward, again, self.depth, self.albedo)
+                r, t = r + sent, t + passed
         return Operator((n, n), None, r), Operator((n, n), None, t)
+
+    def _times(self, count: int, orders: range, first: int) -> media.Scattering:
+        """Light scattered so many times, as far as it is sharp and has a closed form."""
+        _, few = self.truncated.times(count)
+        low = media.Scattering.build(
+            self.mu[first:], self.weights[first:], few, orders, projection=self.projection
+        )
+        return self._scattering(orders, first).times(count, low, self.truncated.backward)
 
 
 class TurnedOver:

@@ -33,6 +33,7 @@ from ...adding import Slab, double
 from ...errors import UrushiError
 from .operator import OPERATORS, Operator
 from .phase import between
+from .projection import Projection
 from .threads import one_thread
 
 Method = Literal["ordinates", "doubling", "riccati"]
@@ -64,7 +65,13 @@ class Scattering:
     @classmethod
     @one_thread()
     def build(
-        cls, mu: np.ndarray, weights: np.ndarray, moments: np.ndarray, orders: range, backward: float = 0.0
+        cls,
+        mu: np.ndarray,
+        weights: np.ndarray,
+        moments: np.ndarray,
+        orders: range,
+        backward: float = 0.0,
+        projection: Projection | None = None,
     ) -> Scattering:
         """From the Legendre moments of the phase function.
 
@@ -73,8 +80,12 @@ class Scattering:
             moments: (L,) chi_l of the smooth part (chi_0 = 1 - backward).
             orders: which azimuthal orders.
             backward: share of the light that goes back exactly where it came from (delta-M of a backward peak).
+            projection: of the region, for a sharp phase function; its last nodes are these.
         """
-        even, odd = between(mu, moments, orders)
+        if projection is None:
+            even, odd = between(mu, moments, orders)
+        else:
+            even, odd = projection.between(moments, orders, len(mu))
         correction = 0.0
         if 0 in orders:
             # The same to both hemispheres, a_o + a_i each, so that every column sums to chi_0 and all stays symmetric.
@@ -91,6 +102,15 @@ class Scattering:
             unit = np.eye(len(mu)) * (backward * sign)
             even, odd = even + unit, odd - unit
         return cls(mu, weights, even, odd, correction, orders.start)
+
+    @one_thread()
+    def times(self, n: int, low: Scattering, backward: float) -> Scattering:
+        """The same of light scattered n times: less what goes exactly on or back of it, and less `low`."""
+        sign = np.where((self.first + np.arange(len(self.even))) % 2, -1.0, 1.0)[:, None, None]
+        unit = np.eye(len(self.mu)) * (backward * sign) ** n
+        even = np.linalg.matrix_power(self.even, n) - unit - low.even
+        odd = np.linalg.matrix_power(self.odd, n) - (-1.0) ** n * unit - low.odd
+        return Scattering(self.mu, self.weights, even, odd, self.correction, self.first)
 
 
 @one_thread()

@@ -10,8 +10,8 @@ with depth it is taken with the mean albedo: nearly all of that light, and what 
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 from typing import Any
 
 import drjit as dr
@@ -21,8 +21,9 @@ from ...media import BoundMedium, inverse_cosine
 from ...optics.vectors import Array, Vector, at_least, at_most, channels
 from ..bound import BoundStack
 from ..smooth import snell
-from .peak import Peak
+from .peak import Peak, forward
 from .phase import Phase
+from .retro import Retro, backward
 from .stencil import Lookup
 
 
@@ -45,14 +46,13 @@ class Once:
         stack: the stack with its numbers.
         attenuation: by region, factor on the optical depth: what of the medium's extinction the solver saw (delta-M);
             1 where there is none. A number or one per colour.
-        peak: what is scattered again within a peak by a medium that light passes through; None for nothing.
-        table: its values, in the module and precision of the directions.
+        peaks: by region, what is scattered again within a peak, and its values in the module and precision of the
+            directions; nothing where a region is missing.
     """
 
     stack: BoundStack
     attenuation: dict[int, Array]
-    peak: Peak | None = None
-    table: Lookup | None = None
+    peaks: Mapping[int, tuple[Peak | Retro, Lookup]] = field(default_factory=dict)
 
     def eval(self, wi: Vector, wo: Vector) -> Array:
         """Flux density from wi to wo, on any sides."""
@@ -72,28 +72,33 @@ class Once:
         assert medium is not None
         i, t_i = self._inside(wi, from_above)
         o, t_o = self._inside(wo, to_above)
-        left = self.attenuation.get(1 if from_above else len(self.stack.interfaces) - 1, 1.0)
+        region = 1 if from_above else len(self.stack.interfaces) - 1
+        left = self.attenuation.get(region, 1.0)
+        peak, table = self.peaks.get(region, (None, None))
         depth, albedo = medium.depth * left, medium.albedo * (1 / left)
         mu_i, mu_o = at_least(dr.abs(i.z), 1e-9), at_least(dr.abs(o.z), 1e-9)
-        scattered = albedo * medium.phase.eval(-i, o)
+        away, toward = dr.squared_norm(i + o), dr.squared_norm(i - o)
+        t = depth * (0.5 * (mu_i + mu_o) / (mu_i * mu_o))
+        scattered, more = albedo * medium.phase.eval(-i, o), 0.0 * t
         if from_above == to_above:
             # 1 - exp(-x) = x faded(x)
             inv = inverse_cosine(i.z) + inverse_cosine(o.z)
             share = (depth * inv) * faded(depth * inv) / (mu_i + mu_o)
+            if isinstance(peak, Retro) and table is not None:
+                more = peak.back(toward, away, t, albedo, table)
         else:
             low, high = at_most(mu_i, mu_o), at_least(mu_i, mu_o)
             x = depth * ((high - low) / (low * high))
             share = dr.exp(-depth / high) * faded(x) * depth / (low * high)
-            if self.peak is not None and self.table is not None:
-                y = albedo * depth * (0.5 * (low + high) / (low * high))
-                away, toward = dr.squared_norm(i + o), dr.squared_norm(i - o)
-                scattered = albedo * self.peak.scattered(
-                    medium.phase.eval(-i, o), away, toward, y, self.table
-                )
+            if isinstance(peak, Retro) and table is not None:
+                more = peak.on(away, toward, t, albedo, table)
+            elif isinstance(peak, Peak) and table is not None:
+                scattered = albedo * peak.scattered(medium.phase.eval(-i, o), away, toward, albedo * t, table)
         index = self.stack.indices
         near, outside = (index[1], index[0]) if to_above else (index[-2], index[-1])
         # mu_o inside cancels against the solid angle outside over that inside.
-        return scattered * share * (t_i * t_o * dr.square(outside / near) * dr.abs(wo.z))
+        whole = scattered * share + more * (2 / (mu_i + mu_o))
+        return whole * (t_i * t_o * dr.square(outside / near) * dr.abs(wo.z))
 
     def _inside(self, w: Vector, above: bool) -> tuple[Vector, Array]:
         """The direction behind the interface on the same side (pointing away), and what it lets through."""
@@ -123,12 +128,19 @@ def _outer(stack: BoundStack, above: bool) -> tuple[Any, BoundMedium | None]:
     return (stack.interfaces[0], stack.media[1]) if above else (stack.interfaces[-1], stack.media[last])
 
 
-def peaks(stack: BoundStack, phases: Sequence[Phase], terms: dict[int, int]) -> dict[int, Peak]:
+def peaks(stack: BoundStack, phases: Sequence[Phase], terms: dict[int, int]) -> dict[int, Peak | Retro]:
     """What `Solution.peaks` is, of the phase functions of all media and the number of terms taken of them."""
-    if stack.opaque or not covers(stack, True, False):
-        return {}
-    found = Peak.make(phases[0], terms.get(1))
-    return {} if found is None else {1: found}
+    found: dict[int, Peak | Retro] = {}
+    last = len(stack.interfaces) - 1
+    for above, region, phase in ((True, 1, phases[:1]), (False, last, phases[-1:])):
+        count = terms.get(region)
+        if count is None or region in found or not covers(stack, above, above):
+            continue
+        retro = backward(phase[0], count)
+        peak = forward(phase[0], count) if not stack.opaque and covers(stack, True, False) else None
+        if retro or peak:
+            found[region] = retro or peak  # type: ignore[assignment]
+    return found
 
 
 def attenuation(stack: BoundStack, forward: dict[int, float]) -> dict[int, Array]:

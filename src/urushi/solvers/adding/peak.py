@@ -1,83 +1,72 @@
 """Light scattered again and again within a peak that the nodes do not resolve, on its way through a slab.
 
 Delta-M makes one direction of a peak. What is straight on is then right in all that the nodes resolve; what they do not
-is small angles, at which scattering n times has the moments chi_l^n of the peak alone (Goudsmit & Saunderson 1940):
-f for l < L, chi_l beyond. With y = a tau / mu, and 1 / mu the mean of those of both directions, light scattered n times
-is to light scattered once as y^(n-1) p_n / n! to p_1, so in its closed form (`once`) p becomes
+is small angles, at which scattering n times has the moments chi_l^n (Goudsmit & Saunderson 1940). With y = a tau / mu,
+and 1 / mu the mean of those of both directions, light scattered n times is to light scattered once as y^(n-1) / n!
+times its moments. On the nodes those are v^n, v_l what delta-M makes of chi_l: its series, and f everywhere. So in its
+closed form (`once`) p becomes
 
-    p + (exp(-y f) - 1) p_1 + exp(-y f) sum over n > 1 of y^(n-1) p_n / n!,    p_n = sum (2 l + 1) / (4 pi) chi_l^n P_l
+    p + (exp(-y f) - 1) p_1 + exp(-y f) sum over n > 1 of y^(n-1) p_n / n!,
+    p_n = sum (2 l + 1) / (4 pi) (chi_l^n - v_l^n + f^n) P_l
 
-and p_1 = p less the series on the nodes. To second order in y it is Nakajima & Tanaka's "IMS" (1988, eq. 24), which
-takes no more; theory (basis.13). Directions close to the horizon on both sides, and light sent back, have none of it.
+(theory (basis.19)): p_n has f^n where the nodes know chi_l, chi_l^n where they know nothing. To second order in y it is
+Nakajima & Tanaka's "IMS" (1988, eq. 24), which takes no more. Directions close to the horizon on both sides, and light
+sent back, have none of it.
+
+Of a sharp phase function (`Truncated.sharp`) light scattered twice, which between the nodes is nearly as sharp, is
+taken off what the nodes say, and added here: y / 2 c(y) times the part of high degree of (v_l - f)^2
+(`Truncated.times`), where c keeps it small for slabs so thick that this is no good guess.
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from functools import lru_cache
 from math import e, factorial
+from typing import Any
 
 import drjit as dr
 import numpy as np
 
 from ...optics.vectors import Array, at_least, at_most
-from .delta_m import Truncated
+from . import single
+from .delta_m import LEAST, Truncated
+from .media import Scattering
 from .phase import Phase
 from .stencil import Lookup
 
-#: a peak of less than this share of the light is none
-LEAST = 1e-6
 #: what may be left out of p_n, relative to the phase function straight on; orders of scattering at most
 SMALL, MOST_TIMES = 1e-5, 10
 #: degrees to look at first, and at most; steps of the table for one wave of the highest that counts
 FIRST, LAST, STEPS = 256, 8192, 25
+#: y at which c is a half
+THICK = 2.0
 
 
-class Peak:
-    """p_1, ..., p_N in a table over the scattering angle, interpolated by cubics.
+class Rows:
+    """Series of Legendre polynomials in a table over the angle, interpolated by cubics.
 
     Args:
-        phase: the phase function.
-        terms: how many terms of it the nodes have.
+        moments: (N, L) of each.
+        waves: the highest degree that counts.
 
     Attributes:
-        forward: f.
-        values: (K + 4, N) the series on the nodes, f and (1 - f) p' in all; p_2, p_3, ..., each over n!: at angles
-            pi (k - 1) / K.
+        values: (K + 4, N) each over 4 pi, at angles pi (k - 1) / K.
     """
 
-    def __init__(self, phase: Phase, terms: int) -> None:
-        self.forward = Truncated.of(phase, terms).forward
-        chi = _moments(phase, terms)
-        peak = np.minimum(np.where(np.arange(len(chi)) < terms, self.forward, chi), self.forward)
-        top = float(phase.eval(np.ones(1))[0])
-        degree = (2 * np.arange(len(chi)) + 1) / (4 * np.pi)
-        rows = [degree * (chi - peak)]
-        for n in range(2, MOST_TIMES + 1):
-            row = degree * peak**n / factorial(n)
-            # y^(n-1) exp(-y f) is largest for y f = n - 1
-            if row.sum() * ((n - 1) / (e * self.forward)) ** (n - 1) < SMALL * top and n > 2:
-                break
-            rows.append(row)
-        waves = max(terms, 0.5 * len(chi))
+    def __init__(self, moments: np.ndarray, waves: float) -> None:
         self.steps = int(np.ceil(STEPS * waves / 2))
         angle = np.pi * np.abs(np.arange(-1, self.steps + 3)) / self.steps
-        self.values = _series(np.array(rows), np.cos(angle)).T
+        degree = (2 * np.arange(moments.shape[1]) + 1) / (4 * np.pi)
+        self.values = _series(degree * moments, np.cos(angle)).T
 
-    @classmethod
-    def make(cls, phase: Phase, terms: int | None) -> Peak | None:
-        """None where the nodes resolve all of the phase function, or where what they do not is no forward peak."""
-        if terms is None or Truncated.of(phase, terms).forward < LEAST:
-            return None
-        return _kept(phase, terms)  # type: ignore[arg-type]
-
-    def scattered(self, once: Array, away: Array, toward: Array, y: Array, table: Lookup) -> Array:
-        """What p becomes.
+    def sums(self, away: Array, toward: Array, table: Lookup, which: Sequence[int]) -> list[Array]:
+        """Some of them.
 
         Args:
-            once: p, the phase function itself.
-            away, toward: squared lengths of the difference and of the sum of both ways light travels.
-            y: albedo times optical depth along the way: a number or a colour.
+            away, toward: squared lengths of the difference and of the sum of the directions that the angle is between.
             table: `values` in the module and precision of these.
+            which: of the N.
         """
         place = dr.atan2(dr.sqrt(away), dr.sqrt(toward)) * (2 * self.steps / np.pi)
         low = int(place) if table.plain else dr.uint32_array_t(type(place))(place)
@@ -90,31 +79,99 @@ class Peak:
             (t + 1) * t * (t - 1) / 6,
         )
         count = self.values.shape[1]
-        sums = [
-            sum(weight * table[(low + k) * count + n] for k, weight in enumerate(weights))
-            for n in range(count)
-        ]
+        return [sum(weight * table[(low + k) * count + n] for k, weight in enumerate(weights)) for n in which]
+
+
+class Peak(Rows):
+    """A forward peak: the series on the nodes, that of light scattered twice, p_2 / 2!, p_3 / 3!, ...
+
+    Args:
+        phase: the phase function.
+        terms: how many terms of it the nodes have.
+
+    Attributes:
+        forward: f.
+    """
+
+    def __init__(self, phase: Phase, terms: int) -> None:
+        cut = Truncated.of(phase, terms)
+        self.forward = f = cut.forward
+        chi = moments(phase, terms)
+        rest = np.zeros(len(chi))
+        rest[:terms] = cut.moments * (1 - f)
+        height, degree = 4 * np.pi * float(phase.eval(np.ones(1))[0]), 2 * np.arange(len(chi)) + 1
+        twice = np.zeros(len(chi))
+        if cut.again:
+            twice[:terms] = 0.5 * (1 - f) * cut.times(2)[0]
+        rows = [rest, twice]
+        for n in range(2, MOST_TIMES + 1):
+            row = (chi**n - (rest + f) ** n + f**n) / factorial(n)
+            # y^(n-1) exp(-y f) is largest for y f = n - 1
+            if np.abs(degree * row).sum() * ((n - 1) / (e * f)) ** (n - 1) < SMALL * height and n > 2:
+                break
+            rows.append(row)
+        super().__init__(np.array(rows), max(terms, 0.5 * len(chi)))
+
+    def scattered(self, once: Array, away: Array, toward: Array, y: Array, table: Lookup) -> Array:
+        """What p becomes.
+
+        Args:
+            once: p, the phase function itself.
+            away, toward: squared lengths of the difference and of the sum of both ways light travels.
+            y: albedo times optical depth along the way: a number or a colour.
+            table: see `sums`.
+        """
+        series, twice, *more = self.sums(away, toward, table, range(self.values.shape[1]))
         again: Array = 0 * y
-        for p in reversed(sums[1:]):
+        for p in reversed(more):
             again = (again + p) * y
-        left = dr.exp(-self.forward * y)
-        return at_least(left * (once + again) + (1 - left) * sums[0], 0)
+        left, seen = dr.exp(-self.forward * y), y * (1 - self.forward)
+        # What is taken off the nodes may be negative: it meets what they have more.
+        return at_least(left * (once + again) + (1 - left) * series, 0) + seen * thin(seen) * twice
+
+
+def thin(y: Any) -> Any:
+    """c(y), of any kind of number."""
+    square = (y * (1 / THICK)) * (y * (1 / THICK))
+    return 1 / (1 + square * square)
+
+
+def operator(again: Scattering, depth: np.ndarray, albedo: np.ndarray) -> np.ndarray:
+    """What of light scattered twice is taken off the nodes as it passes: (C, M, n, n).
+
+    Args:
+        again: light scattered twice, `Scattering.times`.
+        depth, albedo: (C,) as they go with it (`Truncated.scale`).
+    """
+    mu, root = again.mu, np.sqrt(again.weights)
+    a, tau = albedo[:, None, None], depth[:, None, None]
+    y = 0.5 * a * tau * (1 / mu + 1 / mu[:, None])
+    share = 0.25 * a * y * thin(y) * single.transmitted(depth, mu, mu[:, None]) * (root[:, None] / root)
+    found: np.ndarray = share[:, None] * (again.even + again.odd)
+    return found
+
+
+def forward(phase: Phase, terms: int) -> Peak | None:
+    """None where the nodes resolve all of the phase function, or where what they do not is no forward peak alone."""
+    return _kept(phase, terms)  # type: ignore[arg-type]
 
 
 @lru_cache(maxsize=16)
-def _kept(phase: Phase, terms: int) -> Peak:
-    return Peak(phase, terms)
+def _kept(phase: Phase, terms: int) -> Peak | None:
+    cut = Truncated.of(phase, terms)
+    return None if cut.forward <= LEAST or cut.backward else Peak(phase, terms)
 
 
-def _moments(phase: Phase, terms: int) -> np.ndarray:
+def moments(phase: Phase, terms: int) -> np.ndarray:
     """As many as scattering twice within the peak needs."""
-    count, top = max(FIRST, 2 * terms), 4 * np.pi * float(phase.eval(np.ones(1))[0])
+    straight, back = phase.eval(np.array([1.0, -1.0]))
+    count, height = max(FIRST, 2 * terms), 4 * np.pi * float(max(straight, back))
     while True:
         chi = phase.moments(count)
         l = np.arange(count)  # noqa: E741
-        left = np.cumsum(((2 * l + 1) * np.maximum(chi, 0) ** 2)[::-1])[::-1]
-        enough = left <= SMALL * top
-        if enough[-1] and not enough.all():
+        left = np.cumsum(((2 * l + 1) * chi**2)[::-1])[::-1]
+        enough = left <= SMALL * height
+        if enough[count // 2] and not enough.all():  # what follows the last is as little
             return chi[: max(int(np.argmax(enough)), terms + 1)]
         if count >= LAST:
             return chi

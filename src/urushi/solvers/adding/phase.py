@@ -221,7 +221,11 @@ def between(mu: np.ndarray, moments: np.ndarray, orders: range) -> tuple[np.ndar
         even, odd: (M, n, n) each, symmetric. Into the same hemisphere goes p_m = even + odd, into the other one
         even - odd.
     """
-    y = harmonics(mu, len(moments), orders)
+    return products(harmonics(mu, len(moments), orders), moments, orders)
+
+
+def products(y: np.ndarray, moments: np.ndarray, orders: range) -> tuple[np.ndarray, np.ndarray]:
+    """The same from `harmonics`, (L, M, n)."""
     l = np.arange(len(y))[:, None] + np.array(orders)  # noqa: E741
     weight = (2 * l + 1) * np.append(moments, np.zeros(len(orders)))[l]
     even, odd = (

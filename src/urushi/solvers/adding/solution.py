@@ -19,6 +19,7 @@ import numpy as np
 
 from .basis import Grid
 from .peak import Peak
+from .retro import Retro
 
 
 @dataclass(frozen=True)
@@ -83,7 +84,7 @@ class Solution:
     diagnostics: dict[str, Any]
     forward: dict[int, float] = field(default_factory=dict)
     terms: dict[int, int] = field(default_factory=dict)
-    peaks: dict[int, Peak] = field(default_factory=dict)
+    peaks: dict[int, Peak | Retro] = field(default_factory=dict)
 
     def twin(self, side: tuple[bool, bool], among: Iterable[tuple[bool, bool]]) -> tuple[bool, bool] | None:
         """The first of some sides that is this one seen from the other end, in a stack that is its own mirror image."""

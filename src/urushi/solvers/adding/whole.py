@@ -21,6 +21,7 @@ from ..direct import direct, direct_is_certain
 from . import build
 from .basis import Grid
 from .core import Closed
+from .delta_m import peaked
 from .layers import MediumLayer
 from .media import METHODS, Method
 from .once import covers, peaks
@@ -36,8 +37,6 @@ from .through import Through, anywhere, met
 FEWEST = 24
 #: the first steps of `refine` where nodes are close together towards the normal
 SHORT = 0.65
-#: phase functions of so many terms, less than this left out, have no peak that any nodes leave unresolved
-FEW_TERMS, NOTHING = 64, 1e-7
 #: see `solution`
 Keep = Callable[[list[int], Callable[[], Solution]], Solution]
 
@@ -99,7 +98,7 @@ class _Problem:
         self.every = spectrum.bind(build.solvable)
         self.bound, self.colours = self.every.whole, self.every.channels
         self.phases = build.phase_functions(spectrum.stacks[0])
-        self.sharp = any(abs(phase.moments(FEW_TERMS)[-1]) > NOTHING for phase in self.phases)
+        self.sharp = any(map(peaked, self.phases))
         self.indices, self.extra = build.indices(self.bound), tuple(extra)
         self.accuracy, self.tolerance = accuracy, 0.1 * accuracy
         self.few, self.squeeze = build.counts(self.bound, self.phases, accuracy, bool(self.extra))
