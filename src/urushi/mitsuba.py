@@ -1,7 +1,7 @@
 """Registers Urushi's plugins with Mitsuba 3, in the current variant and in every one set later.
 
+    import urushi.mitsuba  # first, since it chooses the LLVM
     import mitsuba as mi
-    import urushi.mitsuba
 
     mi.set_variant("llvm_ad_rgb")
     bsdf = mi.load_dict({"type": "layered", "filename": "preset:enamel-on-gold"})
