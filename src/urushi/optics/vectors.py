@@ -149,6 +149,12 @@ def peak(value: Array) -> Array:
     return dr.max(value) if channels(value) else value
 
 
+def is_live(value: Array) -> bool:
+    """Whether derivatives are wanted in a number or colour, even where they are suspended for now."""
+    parts = [value[c] for c in range(channels(value))] if channels(value) else [value]
+    return any(getattr(part, "index_ad", 0) for part in parts)
+
+
 def negate(mask: Array) -> Array:
     """Logical not, for masks of Dr.Jit and for plain bools alike."""
     return mask ^ True

@@ -11,7 +11,7 @@ from typing import Any
 import drjit as dr
 
 from urushi.errors import UnsupportedStack
-from urushi.optics.vectors import channels
+from urushi.optics.vectors import is_live
 from urushi.solvers import SOLVERS
 from urushi.solvers.bound import bind
 from urushi.solvers.lobes import reasons_against
@@ -79,11 +79,8 @@ class LobesHere:
 
 
 def _live(values: dict[str, Any]) -> bool:
-    """Whether derivatives are wanted in a number, even where they are suspended for now: a path that is followed twice,
-    with and without, must meet the same lobes."""
-    for value in values.values():
-        for one in value if isinstance(value, tuple) else (value,):
-            parts = [one[c] for c in range(channels(one))] if channels(one) else [one]
-            if any(getattr(part, "index_ad", 0) for part in parts):
-                return True
-    return False
+    """Whether derivatives are wanted in a number, now or later: a path that is followed twice, with and without, must
+    meet the same lobes."""
+    return any(
+        is_live(one) for value in values.values() for one in (value if isinstance(value, tuple) else (value,))
+    )

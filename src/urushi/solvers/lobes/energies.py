@@ -18,12 +18,13 @@ import numpy as np
 from ...adding import Slab, add, within
 from ...interfaces import BoundConductor, BoundDielectric, BoundDiffuse, Null
 from ...optics.phase import HenyeyGreenstein, Isotropic
-from ...optics.vectors import Array, at_least, channels
+from ...optics.vectors import Array, at_least, channels, is_live
 from ..arrays import backend_module
 from ..bound import BoundStack
 from . import rows
 from .grid import Grid
 from .kernels import ALGEBRA, Kernels, Key, numbers, still, values
+from .moments import is_zero
 from .nodes import Nodes
 
 if TYPE_CHECKING:
@@ -80,12 +81,12 @@ class Energies:
             number = dr.value_t(number)
         all_of = numbers(stack)
         pile = Pile(stack, {key: values(value) for key, value in all_of.items()}, dr.float64_array_t(number))
-        live = [key for key, value in all_of.items() if _is_live(value) and pile.bends(key)]
+        live = [key for key, value in all_of.items() if is_live(value) and pile.bends(key)]
         return cls({above: pile.side(above, live) for above in core.sides}, live)
 
     def knows(self, stack: BoundStack) -> bool:
         """Whether derivatives are known in all numbers that they are wanted in."""
-        return all(key in self._live or not _is_live(value) for key, value in numbers(stack).items())
+        return all(key in self._live or not is_live(value) for key, value in numbers(stack).items())
 
     def put(
         self, answer: Answer, still: Answer, stack: BoundStack, cos: Array, above: bool
@@ -109,9 +110,9 @@ class Energies:
         for same, k in ((True, -2), (False, -1)):
             beams = list(zip(*(_beams(a, same) for a in (answer, still, exact)), strict=True))
             diffuse, alone, rest = ((a.diffuse if same else a.beyond) for a in (answer, still, exact))
-            if not beams and _nothing(diffuse):
+            if not beams and is_zero(diffuse):
                 continue
-            diffuse = diffuse if _nothing(alone) else at_least(diffuse - alone, 0)
+            diffuse = diffuse if is_zero(alone) else at_least(diffuse - alone, 0)
             more = [at_least(one.energy - other.energy, 0) for one, other, _ in beams]
             told = sum(more, diffuse)
             factor = side.picked(found, k, told) / at_least(told, FAINT)
@@ -119,7 +120,7 @@ class Energies:
                 replace(one, energy=known.energy + part * factor)
                 for part, (one, _, known) in zip(more, beams, strict=True)
             ]
-            diffuse = rest if _nothing(diffuse) else rest + diffuse * factor
+            diffuse = rest if is_zero(diffuse) else rest + diffuse * factor
             if same:
                 whole = replace(whole, reflected=new, diffuse=diffuse)
             else:
@@ -133,7 +134,7 @@ class Energies:
             replace(beam, energy=side.picked(found, beam.layer, beam.energy)) for beam in answer.reflected
         ]
         answer = replace(answer, reflected=reflected)
-        if not _nothing(answer.diffuse):  # of a base
+        if not is_zero(answer.diffuse):  # of a base
             k = len(found) // side.colours - 5
             answer = replace(answer, diffuse=side.picked(found, k, answer.diffuse))
         if answer.through is None:
@@ -320,13 +321,3 @@ def _beams(answer: Answer, same: bool) -> list[Beam]:
     """On the side of the light, or beyond."""
     beams = answer.reflected if same else [answer.through, answer.delayed]
     return [beam for beam in beams if beam is not None]
-
-
-def _nothing(value: Array) -> bool:
-    return isinstance(value, float) and value == 0
-
-
-def _is_live(number: Any) -> bool:
-    """Whether derivatives are wanted in a number, even where they are suspended for now."""
-    parts = [number[c] for c in range(channels(number))] if channels(number) else [number]
-    return any(getattr(part, "index_ad", 0) for part in parts)
