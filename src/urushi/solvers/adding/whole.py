@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
@@ -153,8 +154,9 @@ def _with_left_out(
 ) -> Solution:
     """A solution of so many orders, told what the others would have changed: fewer nodes know that."""
     counts = [max(int(panel.count / GROWTH), 4) for panel in found.grid.panels]
-    problem.orders = None
-    every = problem.solve(counts)
+    all_orders = copy.copy(problem)
+    all_orders.orders = None
+    every = all_orders.solve(counts)
     error = float(f"{difference(cut(every, orders), every, heights):.2e}")
     said = found.diagnostics | {"fixed_orders": orders, "left_out": error}
     return replace(
