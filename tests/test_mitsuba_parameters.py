@@ -9,6 +9,7 @@ import pytest
 
 from conftest import LLVM
 from mitsuba_plugin import OTHER, Asked, above, layered, write
+from urushi.errors import MaterialError
 
 NAMES = {
     "layer_0.ior": "ior",
@@ -118,3 +119,28 @@ def test_it_prints_what_it_is(mi, tmp_path):
     ):
         assert words in text, words
     assert "Bitmap" in str(layered(mi, filename="preset:varnished-wood"))
+
+
+@pytest.mark.parametrize(
+    ("key", "value", "said"),
+    [
+        ("layer_0.alpha", -1.0, r"layers\[0\]\.alpha: found -1\.0"),
+        ("layer_0.ior", float("nan"), r"layers\[0\]\.ior: found"),
+        ("layer_1.albedo", [0.1, -2.0, 0.1], r"layers\[1\]\.albedo\[1\]: found -2\.0"),
+        ("layer_1.phase.g", 2.0, r"layers\[1\]\.phase\.g: found 2\.0"),
+        ("layer_2.alpha_v", 1.5, r"layers\[2\]\.alpha\[1\]: found 1\.5"),
+    ],
+)
+def test_a_value_that_no_file_may_have_is_refused(mi, tmp_path, key, value, said):
+    parameters = mi.traverse(layered(mi, filename=write(tmp_path)))
+    parameters[key] = mi.Color3f(*value) if isinstance(value, list) else value
+    with pytest.raises(MaterialError, match=said):
+        parameters.update()
+
+
+def test_bounds_are_those_of_single_precision(mi, tmp_path):
+    """1e-4 is a little less in single precision than it is in the description, which allows it."""
+    parameters = mi.traverse(layered(mi, filename=write(tmp_path)))
+    parameters["layer_0.alpha"] = 1e-4
+    parameters.update()
+    assert parameters["layer_0.alpha"] == np.float32(1e-4)

@@ -174,9 +174,12 @@ def make_plugin(mi: Any) -> Any:
                 callback.put(name.removeprefix(self.outer_name), parameter.value, flags)
 
         def parameters_changed(self, keys: Any = ()) -> None:
-            """What shapes the compiled code (smooth or rough, index-matched, without scattering) follows the values."""
-            for _, parameter in self.surface.each():
-                parameter.changed()
+            """What shapes the compiled code (smooth or rough, index-matched, without scattering) follows the values.
+
+            Raises:
+                MaterialError: a value that the description would refuse.
+            """
+            self.surface.changed()
             self.method.changed()
             self._find_components()
 

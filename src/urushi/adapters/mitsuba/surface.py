@@ -17,7 +17,7 @@ import numpy as np
 
 from urushi.adapters.normal_map import Slopes
 from urushi.errors import MaterialError, UrushiError
-from urushi.solvers.numbers import VECTORS, described
+from urushi.solvers.numbers import VECTORS, described, replaced
 from urushi.stack import Stack, Texture
 
 #: parameters that may differ from channel to channel
@@ -237,6 +237,19 @@ class Surface:
     def coloured(self) -> bool:
         return any(parameter.colour for _, parameter in self.each())
 
+    def changed(self) -> None:
+        """Look again at values that were set from outside.
+
+        Raises:
+            MaterialError: one that the description would refuse.
+        """
+        before = self.fixed()
+        for _, parameter in self.each():
+            parameter.changed()
+        new = {name: _shortest(value) for name, value in self.fixed().items() if value != before.get(name)}
+        if new:
+            replaced(self.stack, new)
+
     def fixed(self) -> dict[str, Any]:
         """The parameters whose Python value shapes the code (`solvers.bound.bind`)."""
         known: dict[str, Any] = {"exterior": self.exterior}
@@ -257,6 +270,11 @@ class Surface:
             else:
                 values[name] = parameter.at(si, active)
         return values
+
+
+def _shortest(value: Any) -> Any:
+    """The decimal number that single precision stands for: its own last digits may lie beyond a bound."""
+    return tuple(map(_shortest, value)) if isinstance(value, tuple) else float(f"{value:.7g}")
 
 
 def _seen_from_afar(mi: Any, stack: Stack, given: dict[str, Any], footprint: float) -> dict[str, Any]:
