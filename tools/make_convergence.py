@@ -73,7 +73,7 @@ def draw(found: dict[str, list[list[float]]]) -> None:
     matplotlib.use("Agg")
     import matplotlib.pyplot as plt
 
-    figure, axes = plt.subplots(1, 2, figsize=(9, 3.6), layout="constrained")
+    figure, axes = plt.subplots(1, 2, figsize=(9, 3.9), layout="constrained")
     for name, rows in found.items():
         count, error, seconds = np.array(rows).T
         axes[0].loglog(count, error, "o-", label=name)
@@ -81,7 +81,7 @@ def draw(found: dict[str, list[list[float]]]) -> None:
     axes[0].set_xlabel("nodes between normal and horizon")
     axes[0].set_ylabel("error: albedo, or part of the peak")
     axes[1].set_xlabel("processor seconds of one solution")
-    axes[0].legend(fontsize=8)
+    figure.legend(loc="outside lower center", ncols=len(found), fontsize=8)
     for axis in axes:
         axis.grid(True, which="both", alpha=0.2)
     figure.savefig(FOLDER / "convergence.png", dpi=110)
@@ -94,9 +94,12 @@ def main() -> None:
     (FOLDER / "convergence.json").write_text(json.dumps(found, indent=1) + "\n", "utf-8")
     draw(found)
     for name, rows in found.items():
-        count, error, _ = np.array(rows).T
-        orders = np.log(error[:-1] / error[1:]) / np.log(count[1:] / count[:-1])
-        print(name, "orders", np.round(orders, 1))
+        x, y = np.log(np.array(rows)[:, :2]).T
+        fitted = [-np.polyfit(x[k:], y[k:], 1)[0] for k in (0, -3)]
+        between = -np.diff(y) / np.diff(x)
+        print(
+            f"{name}: orders {np.round(between, 1)}, fitted {fitted[0]:.1f}, of the last three {fitted[1]:.1f}"
+        )
 
 
 if __name__ == "__main__":
