@@ -79,6 +79,19 @@ def test_what_went_to_and_fro_is_a_lobe_of_its_own() -> None:
     np.testing.assert_allclose(bsdf.reflectance(wi) + bsdf.transmittance(wi), 1, atol=5e-3)
 
 
+@pytest.mark.parametrize(("degrees", "along", "across"), [(0.0, 2.0, 2.0), (60.0, 1.4, 2.375)])
+def test_what_went_to_and_fro_is_wider_across(degrees: float, along: float, across: float) -> None:
+    """Twice as rough at normal incidence; of the plane of incidence 2 - 0.8 sin^2, across it 2 + 0.5 sin^2."""
+    theta = np.radians(degrees)
+    table = ur.solve(_slab(0.2), "lobes", precision="double").lobes([[np.sin(theta), 0.0, np.cos(theta)]])
+    shapes = []
+    for kind in ("transmitted", "delayed"):
+        (k,) = np.flatnonzero([name == kind for name in table.kind])
+        turned = abs(np.cos(np.radians(table.axis[k]))) < 0.5
+        shapes.append(table.alpha[k, ::-1] if turned else table.alpha[k])
+    np.testing.assert_allclose(shapes[1] / shapes[0], (along, across), rtol=1e-3)
+
+
 def test_nothing_prefers_an_azimuth_at_normal_incidence() -> None:
     lobes = ur.solve(_slab(0.2), "lobes").lobes([[0.0, 0.0, 1.0]])
     (k,) = (i for i, kind in enumerate(lobes.kind) if kind == "transmitted")
