@@ -20,7 +20,13 @@ WI = degrees([0, 30, 65, 80])
 COAT = ur.Dielectric(ior=1.5)
 #: presets, and how far lobes are off in any entry (measured, rounded up)
 PRESETS = {"plastic": 0.005, "enamel-on-gold": 0.004, "milky-glass": 0.001, "wet-stone": 0.01, "skin": 0.001}
-SLOW = {"frosted-glass": 0.001, "car-paint": 0.001, "urushi-black": 0.001, "dry-stone": 1e-6, "thin-slab": 1e-6}
+SLOW = {
+    "frosted-glass": 0.001,
+    "car-paint": 0.001,
+    "urushi-black": 0.001,
+    "dry-stone": 1e-6,
+    "thin-slab": 1e-6,
+}
 BOTH = [*PRESETS, *(pytest.param(name, marks=pytest.mark.slow) for name in SLOW)]
 
 
