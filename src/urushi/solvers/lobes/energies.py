@@ -17,7 +17,6 @@ import numpy as np
 
 from ...adding import Slab, add, within
 from ...interfaces import BoundConductor, BoundDielectric, BoundDiffuse, Null
-from ...optics.phase import HenyeyGreenstein, Isotropic
 from ...optics.vectors import Array, at_least, channels, is_live
 from ..arrays import backend_module
 from ..bound import BoundStack
@@ -50,8 +49,6 @@ def follows(stack: BoundStack) -> bool:
         return False
     media = [m for m in stack.media if m is not None]
     hazy = any(m.scatters for m in media)
-    if any(m.scatters and not isinstance(m.phase, (HenyeyGreenstein, Isotropic)) for m in media):
-        return False
     pairs = [i.roughness() for i in inner]
     plain = all(x is y or (isinstance(x, float) and x == y) for x, y in pairs)
     rough = hazy or not all(i.flat or still(i) for i in stack.interfaces if not isinstance(i, BoundDiffuse))

@@ -19,6 +19,7 @@ from ...interfaces import BoundConductor, BoundDielectric, BoundDiffuse, Interfa
 from ...interfaces.base import Frame
 from ...optics.fresnel import fresnel_conductor, fresnel_dielectric
 from ...optics.microfacet import Microfacets
+from ...optics.phase import HenyeyGreenstein, Isotropic
 from ...optics.vectors import at_least, at_most, channels, reflect
 from ..arrays import padded
 from ..bound import BoundStack
@@ -30,6 +31,8 @@ FACETS = 1597
 LOWEST = 1e-4
 #: moments of a phase function, and the depth of a slab in which light is scattered once
 MOMENTS, THIN = 32, 2e-4
+#: angles at which phase functions are asked
+ANGLES = 256
 #: of light that goes round for ever, what is lost at every turn
 GONE = 1e-15
 
@@ -119,14 +122,15 @@ class Kernels:
         return Slab(nothing, through, nothing, through)
 
     def _hazy(self, region: int, depth: float, albedo: float, g: float) -> Slab:
-        """A slab of Henyey-Greenstein particles, by doubling of one so thin that light is scattered once in it.
+        """A slab of particles, by doubling of one so thin that light is scattered once in it.
 
         What of the peak polynomials cannot tell is taken as not scattered (delta-M, Wiscombe 1977).
         """
         cos = self.nodes.cosines(region)
         ends = np.concatenate([[1.0], 0.5 * (cos[1:] + cos[:-1]), [0.0]])
-        share = g**MOMENTS if g > 0 else 0.0
-        moments = (g ** np.arange(MOMENTS) - share) / (1 - share) * (2 * np.arange(MOMENTS) + 1)
+        told = self._phase(region, g)
+        share = float(told[-1]) if told[-2] > 0 and told[-1] > 0 else 0.0
+        moments = (told[:-1] - share) / (1 - share) * (2 * np.arange(MOMENTS) + 1)
         legendre = np.polynomial.legendre.legvander(cos, MOMENTS - 1).T
         signs = (-1.0) ** np.arange(MOMENTS)
         down, up = (
@@ -140,6 +144,16 @@ class Kernels:
         met = albedo * (1 - passed) / whole
         r, t = up * met, np.diag(passed) + down * met
         return double(Slab(r, t, r, t), times, ALGEBRA)
+
+    def _phase(self, region: int, g: float) -> np.ndarray:
+        """(MOMENTS + 1,) means of Legendre's polynomials of the scattering angle."""
+        phase = self.stack.media[region].phase  # type: ignore[union-attr]
+        if isinstance(phase, (HenyeyGreenstein, Isotropic)):
+            return g ** np.arange(MOMENTS + 1)
+        x, weight = np.polynomial.legendre.leggauss(ANGLES)
+        c, s = (self.number(padded(v)) for v in (x, np.sqrt((1 - x) * (1 + x))))
+        value = weight * np.array(phase.eval(self.vector(0, 0, 1), self.vector(s, 0 * s, c)))
+        return np.asarray(value @ np.polynomial.legendre.legvander(x, MOMENTS) / value.sum())
 
     def sent(self, k: int, cos: np.ndarray, above: bool) -> tuple[np.ndarray, np.ndarray]:
         """Where light of some cosines goes.
