@@ -140,3 +140,36 @@ def test_hundreds_of_nodes() -> None:
     assert grid.weights[0].sum() == pytest.approx(1, rel=1e-12)
     values = grid.functions(grid.panels[0], np.linspace(0.01, 1, 50))
     assert np.allclose(values @ grid.mu[0], np.linspace(0.01, 1, 50), rtol=1e-10, atol=1e-14)
+
+
+def test_nodes_closer_together_towards_the_normal() -> None:
+    """By the factor asked for; they integrate as well as others, and know their own place."""
+    plain, grid = Grid.build([1.0, 1.5], [40, 12]), Grid.build([1.0, 1.5], [40, 12], 0.4)
+    assert [panel.squeeze for panel in grid.panels] == [0.4, 1.0]
+    apart = [np.sqrt(2 - 2 * some.mu[0][1]) for some in (grid, plain)]  # from the normal, in radians
+    assert apart[0] == pytest.approx(0.4 * apart[1], rel=1e-2)
+    assert np.array_equal(grid.s[40:], plain.s[40:])
+    for region, power in ((0, 0), (0, 3), (1, 0), (1, 3)):
+        total = grid.weights[region] @ grid.mu[region] ** power
+        assert total == pytest.approx(1 / (power + 1), rel=1e-11)
+    y = np.linspace(0.01, 1, 50)
+    for panel in grid.panels:
+        mu = panel.cosine(y)
+        assert np.allclose(panel.coordinate(mu), y, rtol=1e-12)
+        slope = (panel.cosine(y + 1e-6) - panel.cosine(y - 1e-6)) / 4e-6 / y
+        assert np.allclose(panel.density(y), slope, rtol=1e-6)
+    at, cosines = grid.stencil(0, np.linspace(0.05, 1, 200)), np.linspace(0.05, 1, 200)
+    lobe = 1 / (1 + (1 - grid.mu[0]) / 0.005) ** 2
+    assert np.abs((at.even * lobe[at.node]).sum(axis=1) - 1 / (1 + (1 - cosines) / 0.005) ** 2).max() < 2e-3
+
+
+@pytest.mark.parametrize("squeeze", [1.0, 0.4])
+def test_odd_functions_from_even_ones(squeeze: float) -> None:
+    """Two factors make one of the other, but in panels where both are the same."""
+    grid = Grid.build([1.0, 1.5], [24, 16], squeeze)
+    first, second = grid.panels
+    mu = np.append(np.linspace(0.01, 1 - 1e-9, 300), 1.0)
+    factors = grid.odd_factors(first, mu)
+    assert factors is not None and grid.odd_factors(second, mu) is None
+    made = factors[0][:, None] * grid.functions(first, mu) * factors[1]
+    assert np.allclose(made, grid.functions(first, mu, odd=True), atol=1e-10)

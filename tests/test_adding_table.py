@@ -27,10 +27,14 @@ def module() -> Any:
 
 @both_precisions
 @pytest.mark.parametrize("order", [2, 6, 8])
-@pytest.mark.parametrize("indices", [(1.0, 1.5), (1.5, 1.2, 1.0), (1.33, 1.33)])
-def test_stencils_are_those_of_the_grid(lanes: Lanes, order: int, indices: tuple[float, ...]) -> None:
+@pytest.mark.parametrize(
+    ("indices", "squeeze"), [((1.0, 1.5), 1.0), ((1.5, 1.2, 1.0), 0.4), ((1.33, 1.33), 1.0)]
+)
+def test_stencils_are_those_of_the_grid(
+    lanes: Lanes, order: int, indices: tuple[float, ...], squeeze: float
+) -> None:
     """The same nodes and weights as `Grid.stencil`, on both sides, in every panel and near both ends."""
-    grid = Grid.build(indices, 10)
+    grid = Grid.build(indices, 10, squeeze)
     stencils = Stencils(grid, (0, -1), order, module(), lanes is DOUBLE)
     cos = np.concatenate([np.linspace(1e-3, 1, 200), [1e-6, 1 - 1e-9], grid.mu[0], grid.mu[-1]])
     for side, region in ((1, 0), (-1, len(indices) - 1)):
