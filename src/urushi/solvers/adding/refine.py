@@ -16,6 +16,7 @@ import numpy as np
 
 from ...errors import UrushiError
 from .basis import Grid
+from .retro import Retro
 from .solution import Part, Solution
 
 #: (from above, to above)
@@ -30,8 +31,9 @@ AZIMUTHS = np.radians([0, 0.9, 3.7, 11.0, 29.0, 75.0, 120.0, 180.0])
 #: what the number of nodes is multiplied with in a whole step; the shortest step, for where less should do; and what of
 #: the accuracy asked for the next solution is to have
 GROWTH, SHORTEST, AIM = 1.5, 0.45, 0.7
-#: by how much a whole step makes errors smaller: no less is believed in, and no more
-SLOWEST, FASTEST = 0.75, 1 / 6
+#: by how much a whole step makes errors smaller: no less is believed in, and no more; the latter where steps are shorter,
+#: for narrow lobes, which are further off between the angles compared
+SLOWEST, FASTEST, CAREFUL = 0.75, 1 / 6, 0.25
 #: nodes beyond which refining gives up
 MOST_NODES = 1500
 
@@ -111,7 +113,7 @@ def _pace(change: np.ndarray, before: np.ndarray, steps: tuple[float, float]) ->
 
     An error e that shrinks by p^s in a step s changes by e (1 - p^s), and the next one by e p^s (1 - p^t).
     """
-    pace = np.linspace(FASTEST, SLOWEST, 100)
+    pace = np.linspace(FASTEST if min(steps) == 1 else CAREFUL, SLOWEST, 100)
     first, second = pace ** steps[0], pace ** steps[1]
     found: np.ndarray = np.interp(
         change / np.maximum(before, 1e-300), first * (1 - second) / (1 - first), pace
@@ -185,7 +187,9 @@ class Seen:
             if side in sharp and twin is None:
                 self.values[side] = self.values[side] + sharp[side]
                 here = self.values[side].max(axis=(0, 2, 3))
-                self.peak[side] = np.maximum(self.peak[side], here)
+                # What goes exactly back is no value: nodes hold it as one of any height.
+                spikes = any(isinstance(peak, Retro) for peak in solution.peaks.values())
+                self.peak[side] = here if spikes else np.maximum(self.peak[side], here)
 
     def _stencil(self, grid: Grid, region: int, mu: np.ndarray) -> np.ndarray:
         """(2, N, n) weights of all nodes of a region, for even and for odd orders."""
