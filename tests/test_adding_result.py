@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from functools import cache
+from functools import cache, partial
 from itertools import pairwise
 from typing import Any
 
@@ -294,8 +294,9 @@ def test_wrong_arguments_are_named() -> None:
             call()
     bare = operators("slab")
     silent = AddingBSDF(STACKS["slab"], type(bare)(**(vars(bare) | {"diagnostics": {}})))
-    with pytest.raises(UrushiError, match="no estimate"):
-        silent.eval(up, up, with_error=True)
+    for call in (partial(silent.eval, up), silent.reflectance, silent.transmittance, silent.absorption):
+        with pytest.raises(UrushiError, match="no estimate"):
+            call(up, with_error=True)
 
 
 def test_diagnostics() -> None:

@@ -156,6 +156,18 @@ def test_a_material_is_solved_once(mi, tmp_path, monkeypatch):
     assert np.all(after < before)
 
 
+def test_large_solutions_make_room(mi, tmp_path, monkeypatch):
+    """The last one stays, whatever it takes."""
+    monkeypatch.setattr(adding, "_solved", type(adding._solved)())
+    coats = [ur.Stack(layers=[ur.Dielectric(ior=n), ur.Diffuse(reflectance=0.5)]) for n in (1.4, 1.5)]
+    for coat in coats:
+        layered(mi, filename=written(tmp_path, coat), method="adding", accuracy=0.1)
+    assert len(adding._solved) == 2
+    monkeypatch.setattr(adding, "BYTES", 0)
+    layered(mi, filename=written(tmp_path, coats[0]), method="adding", accuracy=0.2)
+    assert [key[1] for key in adding._solved] == [0.2]
+
+
 def test_what_it_refuses(mi, tmp_path):
     brushed = ur.Stack(layers=[ur.Conductor(material="Al", alpha=(0.1, 0.4))])
     with pytest.raises(RuntimeError, match="anisotropic"):

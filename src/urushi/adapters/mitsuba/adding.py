@@ -29,8 +29,8 @@ from urushi.stack import Stack
 from .methods import is_radiance, whole
 from .surface import Surface
 
-#: solutions that are kept, and corners that one material may have
-KEPT, MOST_CORNERS = 256, 81
+#: solutions that are kept, as many as fit in so many bytes, and corners that one material may have
+KEPT, BYTES, MOST_CORNERS = 256, 1 << 30, 81
 #: wavelengths of spectral variants, a multiple of 3
 WAVELENGTHS = 18
 
@@ -123,7 +123,7 @@ class Adding:
             orders = self.orders or None
             found = solution(stack, self.accuracy, self.nodes or None, orders=orders, media=self.media)
             _solved[key] = Prepared(found, bound)
-            while len(_solved) > KEPT:
+            while len(_solved) > KEPT or (len(_solved) > 1 and sum(map(_bytes, _solved.values())) > BYTES):
                 _solved.popitem(last=False)
         _solved.move_to_end(key)
         return _solved[key]
@@ -198,6 +198,13 @@ class Adding:
     def changed(self) -> None:
         """Another material: solved anew, unless it was before."""
         self._solve()
+
+
+def _bytes(prepared: Prepared) -> int:
+    """What the operators of a solution take; tables made of them are of the same order."""
+    parts = prepared.solution.parts.values()
+    blocks = {id(block): block for part in parts for block in (*part.blocks, *part.rest)}
+    return sum(block.values.nbytes for block in blocks.values())
 
 
 def _wavelengths(mi: Any) -> list[float]:

@@ -93,8 +93,12 @@ def put_on(coat: Solved, base: Solved, **options: Any) -> Solved:
     with one_thread():
         parts = _added(a, b, bound.opaque, colours, _Closed(bound, *alone) if exact else None)
     media = [region for region, medium in enumerate(bound.media) if medium is not None]
-    shares = [share for solution in (a, b) for _, share in sorted(solution.forward.items())]
-    terms = [count for solution in (a, b) for _, count in sorted(solution.terms.items())]
+    own = [
+        (solution, region)
+        for solution, one in zip((a, b), alone, strict=True)
+        for region, medium in enumerate(one.media)
+        if medium is not None
+    ]
     known = [float(s.diagnostics.get("estimated_error", np.nan)) for s in (a, b)]
     diagnostics = {
         "nodes": len(grid.s),
@@ -105,9 +109,10 @@ def put_on(coat: Solved, base: Solved, **options: Any) -> Solved:
         "accuracy": max(float(s.diagnostics.get("accuracy", 1e-3)) for s in (a, b)),
         "seconds": time.perf_counter() - start,
     }
-    forward = dict(zip(media, shares, strict=True))
-    solution = Solution(grid, parts, form if exact else None, colours, diagnostics, forward)
-    solution.terms.update(zip(media, terms, strict=True))
+    pairs = list(zip(media, own, strict=True))
+    forward = {new: part.forward[old] for new, (part, old) in pairs if old in part.forward}
+    terms = {new: part.terms[old] for new, (part, old) in pairs if old in part.terms}
+    solution = Solution(grid, parts, form if exact else None, colours, diagnostics, forward, terms)
     return (
         AddingBSDF(both.stack, solution, **options)
         if both.channels is None

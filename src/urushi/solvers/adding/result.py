@@ -212,11 +212,7 @@ class AddingBSDF(BSDF):
         The error is that of the solver, relative to the largest f for this wi, times |cos theta_o|. One channel is
         given as three alike.
         """
-        expected = float(self.solution.diagnostics.get("estimated_error", 0.0)) if with_error else 0.0
-        if with_error and "estimated_error" not in self.solution.diagnostics:
-            raise UrushiError(
-                "with_error: this solution has no estimate of its error; allowed: solve(..., accuracy=...)"
-            )
+        expected = self._expected() if with_error else 0.0
 
         def run(core: AddingCore, a: Any, b: Any) -> tuple[Any, ...]:
             value = core.eval(a, b)
@@ -254,8 +250,7 @@ class AddingBSDF(BSDF):
         if self._interior is None:
             self._interior = Interior.solve(self.stack, self.solution, self.prepared.order)
         found = self._interior.ledger(array)
-        error = float(self.solution.diagnostics.get("estimated_error", np.nan))
-        return replace(found, error=alike(found, error)) if with_error else found
+        return replace(found, error=alike(found, self._expected())) if with_error else found
 
     def pdf(self, wi: Any, wo: Any) -> Any:
         """Density of `sample` per solid angle: (N, 3), (N, 3) -> (N,); delta parts are 0."""
@@ -308,8 +303,16 @@ class AddingBSDF(BSDF):
 
     # --- how it runs -------------------------------------------------------------------------------------------
 
+    def _expected(self) -> float:
+        """The error that the solver expects."""
+        if "estimated_error" not in self.solution.diagnostics:
+            raise UrushiError(
+                "with_error: this solution has no estimate of its error; allowed: solve(..., accuracy=...)"
+            )
+        return float(self.solution.diagnostics["estimated_error"])
+
     def _flux(self, wi: Any, question: Any, with_error: bool) -> Any:
-        expected = float(self.solution.diagnostics.get("estimated_error", np.nan))
+        expected = self._expected() if with_error else 0.0
         if dr.is_array_v(wi):
             value = self._colour(question(self._core_of(wi), wi), wi)
             return (value, 0 * value + expected) if with_error else value
