@@ -102,6 +102,14 @@ CASES["smooth coat, g 0.9, smooth metal"] = (
     ],
     0.075,
 )
+CASES["coat, Rayleigh, metal"] = (
+    [
+        _glass(0.2),
+        ur.Medium(depth=0.7, albedo=0.9, phase=ur.Rayleigh()),
+        _metal(0.1),
+    ],
+    0.01,
+)
 MIRROR = {"eta": 0.0, "k": 3.0, "multiple_scattering": "compensated"}
 
 

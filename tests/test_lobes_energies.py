@@ -188,6 +188,16 @@ def test_the_recursion_is_asked(layers: list) -> None:
     assert _solved(*layers).diagnostics["energies"] == "recursion"
 
 
+@pytest.mark.parametrize("azimuth", [0.0, 90.0])
+def test_brushed_layers_above_a_base(azimuth: float) -> None:
+    """Of a coat and a metal whose facets are not alike in all directions; the roughness in the plane is off by 0.12."""
+    layers = [_glass(1.716, (0.144, 0.264)), ur.Conductor(**GOLD, alpha=(0.115, 0.235))]
+    phi = np.radians(azimuth)
+    wi = np.stack([WI[:, 0] * np.cos(phi), WI[:, 0] * np.sin(phi), WI[:, 2]], axis=1)
+    truth = ur.solve(ur.Stack(layers=layers), "walk", samples=1 << 13).reflectance(wi)
+    np.testing.assert_allclose(_solved(*layers).reflectance(wi), truth, atol=0.045)
+
+
 def test_in_mitsuba(mi, tmp_path) -> None:
     """The same in scalar and vector variants, with a live number, and after another is set."""
     import drjit as dr

@@ -42,7 +42,12 @@ FAINT = 1e-6
 
 def follows(stack: BoundStack) -> bool:
     """Whether the energies of a stack are followed: two interfaces that light goes through, or particles, and something
-    that widens it; all alike in all azimuths, and no diffuse base of facets."""
+    that widens it; no diffuse base of facets.
+
+    Above an opaque base, interfaces that are not alike in all azimuths count as if they were, as rough as they are in
+    the mean square: that is nearer than what the recursion makes of their roughness in the plane of incidence. Of what
+    they transmit it is not.
+    """
     inner = [interface.single or interface for interface in stack.interfaces]
     known = BoundConductor, BoundDielectric, BoundDiffuse, Null
     if stack.tilted or not all(isinstance(i, known) for i in inner):
@@ -50,9 +55,11 @@ def follows(stack: BoundStack) -> bool:
     media = [m for m in stack.media if m is not None]
     hazy = any(m.scatters for m in media)
     pairs = [i.roughness() for i in inner]
-    plain = all(x is y or (isinstance(x, float) and x == y) for x, y in pairs)
+    turned = not all(x is y or (isinstance(x, float) and x == y) for x, y in pairs)
     rough = hazy or not all(i.flat or still(i) for i in stack.interfaces if not isinstance(i, BoundDiffuse))
-    return plain and rough and (hazy or sum(isinstance(i, BoundDielectric) for i in inner) > 1)
+    if turned:
+        return rough and stack.opaque
+    return rough and (hazy or sum(isinstance(i, BoundDielectric) for i in inner) > 1)
 
 
 class Energies:
@@ -296,22 +303,27 @@ class Pile:
         down, up = ([light.sum(axis=1) for light in some] for some in lights)
         up.append(0 * up[0])
         kept = [down[k] + up[k + 1] - up[k] - down[k + 1] for k in range(len(pile))]
-        kept.append(self._shadowed(lights[0]))
+        kept.append(self._shadowed(lights[0], pile[-1].r_top, cos))
         scattered = [np.maximum(up[0] - before, 0), np.maximum(down[-1] - through, 0)]
         every = [energies[k] for k in range(count)] + [through, straight.sum(axis=1), *scattered]
         size = max(len(e) for e in [*every, *kept])
         found = [np.stack([np.broadcast_to(e, (size, len(cos))) for e in some]) for some in (every, kept)]
         return found[0], found[1]
 
-    def _shadowed(self, down: list[np.ndarray]) -> np.ndarray:
-        """(C, M) what facets of the base reflect and others keep."""
+    def _shadowed(self, down: list[np.ndarray], sent: np.ndarray, cos: np.ndarray) -> np.ndarray:
+        """(C, M) what facets of the base reflect and others keep.
+
+        Args:
+            down: light above each layer, and below all.
+            sent: what the base reflects.
+            cos: (M,) of the light outside.
+        """
         base = self.stack.interfaces[-1]
         if not isinstance(base, BoundConductor) or still(base):  # or nothing is lost
             return np.zeros((1, down[0].shape[-1]))
         k = len(self.stack.interfaces) - 1
-        white = self.kernels.white(k, self.nodes.cosines(k))
-        sent = self.layers[-1][1].r_top.sum(axis=1) * (1 / white - 1)
-        return np.asarray((sent[:, None] @ down[-2])[:, 0])
+        white = self.kernels.white(k, cos if len(self.layers) == 1 else self.nodes.cosines(k))
+        return np.asarray(((sent.sum(axis=1) * (1 / white - 1))[:, None] @ down[-2])[:, 0])
 
 
 def _beams(answer: Answer, same: bool) -> list[Beam]:

@@ -57,7 +57,8 @@ def numbers(stack: BoundStack) -> dict[Key, Any]:
     for k, interface in enumerate(stack.interfaces):
         inner: Any = interface.single if interface.single is not None else interface
         if getattr(inner, "facets", None) is not None:
-            found["alpha", k] = inner.facets.alpha_x
+            x, y = inner.facets.alpha_x, inner.facets.alpha_y
+            found["alpha", k] = x if x is y else dr.sqrt(0.5 * (dr.square(x) + dr.square(y)))
         if isinstance(inner, BoundConductor):
             found["eta", k], found["k", k] = inner.eta, inner.k
         if isinstance(inner, BoundDiffuse):
