@@ -110,6 +110,19 @@ CASES["coat, Rayleigh, metal"] = (
     ],
     0.01,
 )
+# What adding says of stacks that it takes minutes for: reflectance and transmittance, of azimuthal order 0 alone.
+KNOWN = {
+    "three, drawn, rough": [[0.24675, 0.226, 0.20558, 0.18762, 0.1849]],
+    "four, drawn, much thinner below": [[0.72948, 0.7069, 0.68333, 0.66824, 0.70518]],
+    "half-space": [
+        [0.02308, 0.02515, 0.03583, 0.08856, 0.25118],
+        [0.97185, 0.96607, 0.9466, 0.85556, 0.56322],
+    ],
+    "half-space of three, drawn": [
+        [0.08554, 0.08895, 0.10169, 0.14382, 0.24491],
+        [0.90786, 0.89959, 0.87501, 0.79781, 0.6064],
+    ],
+}
 MIRROR = {"eta": 0.0, "k": 3.0, "multiple_scattering": "compensated"}
 
 
@@ -144,13 +157,17 @@ QUICK = (
 )
 
 
-def _off(bsdf: object, layers: list) -> np.ndarray:
+def _off(bsdf: object, name: str) -> np.ndarray:
     """(A, 1 or 2) lobes less adding: reflectance, and transmittance if there is any."""
-    exact = ur.solve(ur.Stack(layers=layers), "adding", accuracy=1e-3)
-    off = [bsdf.reflectance(WI)[:, 0] - exact.reflectance(WI)[:, 0]]
-    if not layers[-1].opaque:
-        off.append(bsdf.transmittance(WI)[:, 0] - exact.transmittance(WI)[:, 0])
-    return np.stack(off, axis=1)
+    stack = ur.Stack(layers=CASES[name][0])
+    found = [bsdf.reflectance(WI)[:, 0]]
+    if not stack.layers[-1].opaque:
+        found.append(bsdf.transmittance(WI)[:, 0])
+    if name in KNOWN:
+        return np.transpose(found) - np.transpose(KNOWN[name])
+    exact = ur.solve(stack, "adding", accuracy=1e-3)
+    truth = [exact.reflectance(WI)[:, 0], exact.transmittance(WI)[:, 0]]
+    return np.transpose(found) - np.transpose(truth[: len(found)])
 
 
 @pytest.mark.parametrize(
@@ -161,7 +178,7 @@ def test_energies(name: str) -> None:
     lobes = ur.solve(ur.Stack(layers=layers), "lobes")
     followed = lobes.diagnostics["energies"] != "recursion"
     assert followed == (not _simple(layers))
-    off = _off(lobes, layers)
+    off = _off(lobes, name)
     assert np.abs(off).max() < (FOLLOWED if followed else limit), np.round(off, 4)
 
 
@@ -179,5 +196,5 @@ def test_energies_of_the_recursion(name: str) -> None:
     alphas = np.full(len(WI), layers[0].alpha)
     lobes = ur.solve(ur.Stack(layers=layers), "lobes", parameters={"layer_0.alpha": alphas})
     assert lobes.diagnostics["energies"] == "recursion"
-    off = _off(lobes, layers)
+    off = _off(lobes, name)
     assert np.abs(off).max() < limit, np.round(off, 4)
