@@ -18,8 +18,8 @@ import numpy as np
 from .mixture import Mixture, parts
 from .phase import Phase, resolved, terms
 
-#: terms of a sharp phase function, as a share of those that the nodes can tell apart
-SHARE = 1.0
+#: terms of a sharp phase function, as a share of those that the nodes can tell apart: of a forward and a backward peak
+SHARES = 1.0, 0.85
 #: of these, the share from which on they fade, and where the moments are those of the peak
 FADES, MIDDLE = 0.8, 0.9
 #: a peak of less than this share of the light is none
@@ -90,8 +90,9 @@ class Truncated:
     def fit(cls, phase: Phase, mu: np.ndarray, weights: np.ndarray, tolerance: float = 1e-9) -> Truncated:
         """As many terms as the phase function needs, and no more than the nodes of a region can multiply.
 
-        Where the nodes cannot tell all of a sharp peak apart, three quarters of what they can are taken: the more, the
-        better for grazing light, the worse along the normal, where nodes are far apart.
+        Where the nodes cannot tell all of a sharp peak apart, as many as they can are taken. More is better for grazing
+        light, worse along the normal, where nodes are far apart: fewer where what goes on is compared with what of it
+        went to and fro.
 
         Args:
             phase: the phase function.
@@ -102,7 +103,7 @@ class Truncated:
         needed, known = max(terms(piece, tolerance) for piece in pieces), resolved(mu, weights)
         cuts = [cls.of(piece, min(needed, known)) for piece in pieces]
         if needed > known and any(cut.sharp for cut in cuts):
-            return cls.of(phase, int(SHARE * known))
+            return cls.of(phase, int(SHARES[1 if any(cut.backward for cut in cuts) else 0] * known))
         return cls._mixed(cuts, phase.shares) if isinstance(phase, Mixture) else cuts[0]
 
     @property

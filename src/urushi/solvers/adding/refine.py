@@ -18,6 +18,7 @@ from ...errors import UrushiError
 from .basis import Grid
 from .retro import Retro
 from .solution import Part, Solution
+from .table import ORDER
 
 #: (from above, to above)
 Side = tuple[bool, bool]
@@ -28,6 +29,8 @@ Closed = Callable[[Solution], Mapping[Side, np.ndarray]]
 COSINES = np.array([1.0, 0.996, 0.96, 0.83, 0.68, 0.52, 0.37, 0.23, 0.11])
 OFFSETS = np.radians([0, 0.7, -1.1, 2.3, -3.1, 5.7, -7.9, 13.0, -17.0, 31.0, -41.0, 57.0])
 AZIMUTHS = np.radians([0, 0.9, 3.7, 11.0, 29.0, 75.0, 120.0, 180.0])
+#: nodes that are interpolated from
+WIDE = 8
 #: what the number of nodes is multiplied with in a whole step; the shortest step, for where less should do; and what of
 #: the accuracy asked for the next solution is to have
 GROWTH, SHORTEST, AIM = 1.5, 0.45, 0.7
@@ -195,7 +198,9 @@ class Seen:
         """(2, N, n) weights of all nodes of a region, for even and for odd orders."""
         key = grid.indices.index(grid.indices[region]), mu.tobytes()
         if key not in self._weights:
-            stencil = grid.stencil(region % len(grid.indices), mu)
+            # Where nodes are closer together at one end, they are so far apart at the other that it matters.
+            order = WIDE if grid.panels[0].squeeze == 1 else ORDER
+            stencil = grid.stencil(region % len(grid.indices), mu, order)
             found = np.zeros((2, len(mu), grid.count(region)))
             row = np.arange(len(mu))[:, None]
             for weights, of_parity in zip(found, (stencil.even, stencil.odd), strict=True):
