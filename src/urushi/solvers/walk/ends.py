@@ -75,6 +75,9 @@ def weight(first: Array, share: Array, base: Interface, w: Vector, pdf: Array) -
 
 
 def _normals(base: Interface, w: Vector, pdf: Array) -> Array:
-    """D / 4 of the normal, from the density of sampling a reflection of w by visible normals."""
+    """D / 4 of the normal, from the density of sampling a reflection of w by visible normals.
+
+    Detached: the weights of both ends sum to 1, whatever the parameters.
+    """
     assert isinstance(base, BoundConductor) and base.facets is not None
-    return pdf * base.facets.sigma(base.frame.enter(w))
+    return dr.detach(pdf * base.facets.sigma(base.frame.enter(w)))
