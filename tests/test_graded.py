@@ -318,6 +318,20 @@ def test_the_walk_agrees_with_adding():
     assert np.all(np.abs(kept.absorbed - exact.absorption(WI).absorbed) < 4.5 * kept.error.absorbed + 3e-4)
 
 
+def test_alone_it_takes_off_what_the_mean_medium_has_too_much():
+    """Where light grazes it sees one end only, darker than the mean: slabs agree, direction by direction."""
+    layer = ur.GradedMedium(depth=1.0, albedo=(0.9, 0.5))
+    wi, wo = (
+        np.concatenate([degrees(90.8), degrees(150)]),
+        np.concatenate([degrees(99.5, 180), degrees(120, 60)]),
+    )
+    one, many = (
+        ur.solve(ur.Stack(layers=layers), "adding", nodes=20).eval(wi, wo)
+        for layers in ([layer], slabs(40, (0.9, 0.5), 1.0, ur.Isotropic()))
+    )
+    np.testing.assert_allclose(one, many, rtol=5e-3)
+
+
 def test_the_walk_follows_lanes_and_derivatives():
     """Depths of their own are other media, and the slope is that of adding."""
     import drjit as dr

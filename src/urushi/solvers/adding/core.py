@@ -9,6 +9,7 @@ from typing import Any
 import drjit as dr
 import numpy as np
 
+from ...media import BoundGraded
 from ...optics.vectors import Array, Vector, at_least, channels
 from ..arrays import number_type, padded
 from ..bound import BoundStack
@@ -179,7 +180,11 @@ class AddingCore:
         regions = (0,) if stack.opaque else (0, -1)
         self.stencils = Stencils(solution.grid, regions, prepared.order, module, double)
         empty = prepared.series.empty
-        self.table = None if empty else Table(solution, prepared.series, self.stencils, module, double)
+        # What light scattered once in the mean medium has too much is taken off in the table.
+        signed = self.closed.once is not None and any(isinstance(m, BoundGraded) for m in stack.media)
+        self.table = (
+            None if empty else Table(solution, prepared.series, self.stencils, module, double, signed)
+        )
         self.scatters = prepared.scatters
         self.above = prepared.above
         self.totals = Lookup(prepared.totals, number)
@@ -214,6 +219,8 @@ class AddingCore:
         """f |cos wo| without the delta parts."""
         wi, wo = dr.detach(wi), dr.detach(wo)
         value = self._colour(self.tabulated(wi, wo)) + self.closed.eval(wi, wo)
+        if self.table is not None and self.table.signed:
+            value = at_least(value, 0)
         return self.finished(dr.select((wi.z != 0) & (wo.z != 0), value * self.scale(wi, wo), 0))
 
     def tabulated(self, wi: Vector, wo: Vector) -> list[Array]:

@@ -67,6 +67,8 @@ class Corners:
         first = self.first
         value = first.closed.eval(wi, wo)
         value = value + self._mixed([core.tabulated(wi, wo) for core in self.cores])
+        if any(core.table is not None and core.table.signed for core in self.cores):
+            value = at_least(value, 0)
         return first.finished(dr.select((wi.z != 0) & (wo.z != 0), value * first.scale(wi, wo), 0))
 
     def albedo(self, wi: Vector) -> Array:

@@ -79,13 +79,20 @@ class Table:
         solution: the solved stack.
         series: its series.
         stencils: the nodes outside, in the module and precision to compute in.
+        signed: whether values below 0 stay, to be taken off a closed form.
     """
 
     def __init__(
-        self, solution: Solution, series: Series, stencils: Stencils, module: Any, double: bool
+        self,
+        solution: Solution,
+        series: Series,
+        stencils: Stencils,
+        module: Any,
+        double: bool,
+        signed: bool = False,
     ) -> None:
         number = number_type(module, double)
-        self.number = number
+        self.number, self.signed = number, signed
         self.stencils, self.terms, self.colours = stencils, series.terms, solution.colours
         self.opaque = (True, False) not in solution.parts
         self.counts = [stencils.counts[0], stencils.counts[-1]]
@@ -125,7 +132,7 @@ class Table:
         mu_i, mu_o = dr.abs(wi.z), dr.abs(wo.z)
         scale = index * mu_o / at_least(mu_i + mu_o, 1e-30)
         lit = (wi.z > 0) & (wo.z > 0) if self.opaque else (wi.z != 0) & (wo.z != 0)
-        return [dr.select(lit, at_least(value, 0) * scale, 0) for value in out]
+        return [dr.select(lit, (value if self.signed else at_least(value, 0)) * scale, 0) for value in out]
 
     def _sum(self, first: Any, x: Array) -> Array:
         """Sum of the coefficients from `first` on times cos(k s), x = cos s (Clenshaw 1955)."""
