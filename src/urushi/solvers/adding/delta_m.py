@@ -19,7 +19,7 @@ from .mixture import Mixture, parts
 from .phase import Phase, resolved, terms
 
 #: terms of a sharp phase function, as a share of those that the nodes can tell apart: of a forward and a backward peak
-SHARES = 1.0, 0.85
+SHARES = 1.0, 0.7
 #: of these, the share from which on they fade, and where the moments are those of the peak
 FADES, MIDDLE = 0.8, 0.9
 #: a peak of less than this share of the light is none

@@ -1,4 +1,4 @@
-"""Sharp phase functions between the nodes, projected on the polynomials that the nodes carry (Galerkin 1915).
+"""Sharp phase functions between the nodes, projected on the polynomials that the nodes carry (the method of Galerkin).
 
 A series is usually taken at the nodes. Sums over nodes are exact up to some degree, and light scattered twice has
 products of two terms: with more than half as many terms as nodes resolve, high degrees come back as low ones, which
