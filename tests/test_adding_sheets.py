@@ -46,7 +46,8 @@ def honest(stack: ur.Stack, nodes: int) -> None:
     counts = [panel.count for panel in bsdf.solution.grid.panels]
     assert sum(counts) <= nodes and bsdf.diagnostics["estimated_error"] <= 1e-3
     finer = ur.solve(stack, "adding", nodes=[int(1.5 * n) for n in counts], accuracy=1e-4)
-    assert off(bsdf, finer) < 1.5 * bsdf.diagnostics["estimated_error"]
+    # A tenth of the accuracy is what the orders left out may hold.
+    assert off(bsdf, finer) < 1.5 * bsdf.diagnostics["estimated_error"] + 1e-4
     wi = degrees([0, 20, 50, 75])
     assert np.abs(bsdf.transmittance(wi) - finer.transmittance(wi)).max() < 1e-4
 
@@ -89,8 +90,7 @@ def test_the_pace_of_errors(pace: float, steps: tuple[float, float]) -> None:
     errors = 0.1 * pace ** np.array([0.0, steps[0], sum(steps)])
     before, change = -np.diff(errors)
     found = _pace(np.array([change, 0.0, 1.0]), np.array([before, 1.0, 0.0]), steps)
-    fastest = 1 / 6 if min(steps) == 1 else 0.25
-    assert found == pytest.approx([max(pace, fastest), fastest, 0.75], rel=2e-3)
-    step = _step(errors[2:], found[:1], errors[2] * found[0] ** 0.8 / AIM)
+    assert found == pytest.approx([pace, 1 / 6, 0.75], rel=2e-3)
+    step = _step(errors[2:], found[:1], errors[2] * pace**0.8 / AIM)
     assert 0.8 <= step <= 0.86 and _step(errors[2:], found[:1], 1e-9) == 1.0
     assert GROWTH == 1.5

@@ -34,9 +34,8 @@ WIDE = 8
 #: what the number of nodes is multiplied with in a whole step; the shortest step, for where less should do; and what of
 #: the accuracy asked for the next solution is to have
 GROWTH, SHORTEST, AIM = 1.5, 0.45, 0.7
-#: by how much a whole step makes errors smaller: no less is believed in, and no more; the latter where steps are shorter,
-#: for narrow lobes, which are further off between the angles compared
-SLOWEST, FASTEST, CAREFUL = 0.75, 1 / 6, 0.25
+#: by how much a whole step makes errors smaller: no less is believed in, and no more
+SLOWEST, FASTEST = 0.75, 1 / 6
 #: nodes beyond which refining gives up
 MOST_NODES = 1500
 
@@ -116,7 +115,7 @@ def _pace(change: np.ndarray, before: np.ndarray, steps: tuple[float, float]) ->
 
     An error e that shrinks by p^s in a step s changes by e (1 - p^s), and the next one by e p^s (1 - p^t).
     """
-    pace = np.linspace(FASTEST if min(steps) == 1 else CAREFUL, SLOWEST, 100)
+    pace = np.linspace(FASTEST, SLOWEST, 100)
     first, second = pace ** steps[0], pace ** steps[1]
     found: np.ndarray = np.interp(
         change / np.maximum(before, 1e-300), first * (1 - second) / (1 - first), pace

@@ -24,7 +24,7 @@ import numpy as np
 FEWEST, SMOOTH, DENSITY, BEYOND, WITHIN = 18, 15, 1.3, 0.6, (0.4, 0.8)
 #: nodes closer together towards the normal by this factor; the density that lobes then take; and the fewest nodes that
 #: are worth it: wider lobes leave more to what grazes
-SQUEEZE, SQUEEZED, WORTH = 0.4, 0.72, 45
+SQUEEZE, SQUEEZED, WORTH = 0.4, 0.74, 45
 
 
 def narrowest(
