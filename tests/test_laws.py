@@ -158,3 +158,16 @@ def test_many_values_for_one_stack() -> None:
     assert value.mean() <= 1 + 5 * np.sqrt(np.mean(error**2) / n)
     for found in (bsdf.eval(wi, wo), bsdf.pdf(wi, wo), bsdf.sample(wi, rng.random((n, 3))).weight):
         assert np.isfinite(found).all() and (found >= 0).all()
+
+
+@pytest.mark.parametrize("method", ["walk", "adding", "lobes"])
+def test_an_interface_without_contrast_is_not_there(method: str) -> None:
+    """One of nearly the index above it bends no light: neither there nor further down."""
+    below = [ur.Medium(depth=1.0, albedo=0.9), ur.Dielectric(ior=1.5), ur.Diffuse(reflectance=0.5)]
+    wi = np.array([[0.0, 0.0, 1.0], [0.6, 0.0, 0.8], [0.998, 0.0, 0.0632]])
+    wi /= np.linalg.norm(wi, axis=1, keepdims=True)
+    options = {"adding": {"nodes": 12}}.get(method, {})
+    bare = ur.solve(ur.Stack(layers=below), method, **options).reflectance(wi)
+    for index in (1.00009, 1.0000001):
+        coated = ur.Stack(layers=[ur.Dielectric(ior=index, alpha=0.1), *below])
+        np.testing.assert_array_equal(ur.solve(coated, method, **options).reflectance(wi), bare)

@@ -44,7 +44,7 @@ class BoundDielectric(Interface):
         ior, known = given["ior"], given.known("ior")
         certain = known is not None and given.known_above is not None
         if certain and abs(known / given.known_above - 1) < MATCHED:
-            return Null(), ior, known
+            return Null(), given.above, given.known_above  # no light is bent: one index above and below
         facets, delta = given.facets()
         eta = ior / given.above
         if not certain and delta is not True:
