@@ -183,19 +183,9 @@ def test_scalar_numbers_and_lanes() -> None:
     assert 5e-3 < off.max() < 0.05
 
 
-@pytest.mark.parametrize("layers", [[_glass(1.5, (0.1, 0.2)), _glass(1.0, 0.1)], [_glass(1.5, 0.1)]])
+@pytest.mark.parametrize("layers", [[_glass(1.5, 0.0), _glass(1.0, 0.0)], [_glass(1.5, 0.1)]])
 def test_the_recursion_is_asked(layers: list) -> None:
     assert _solved(*layers).diagnostics["energies"] == "recursion"
-
-
-@pytest.mark.parametrize("azimuth", [0.0, 90.0])
-def test_brushed_layers_above_a_base(azimuth: float) -> None:
-    """Of a coat and a metal whose facets are not alike in all directions; the roughness in the plane is off by 0.12."""
-    layers = [_glass(1.716, (0.144, 0.264)), ur.Conductor(**GOLD, alpha=(0.115, 0.235))]
-    phi = np.radians(azimuth)
-    wi = np.stack([WI[:, 0] * np.cos(phi), WI[:, 0] * np.sin(phi), WI[:, 2]], axis=1)
-    truth = ur.solve(ur.Stack(layers=layers), "walk", samples=1 << 13).reflectance(wi)
-    np.testing.assert_allclose(_solved(*layers).reflectance(wi), truth, atol=0.045)
 
 
 def test_in_mitsuba(mi, tmp_path) -> None:

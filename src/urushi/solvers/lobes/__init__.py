@@ -17,6 +17,7 @@ for any number of lights, with derivatives in every parameter.
     energies   energies direction by direction          kernels     what layers do to these (nodes)
     angular    all of it by the angle alone, looked up  rows        the table for that
     energies   what is known better, angle by angle     nodes, kernels   angles, and what layers do with light of these
+    azimuths   the same of light that is not alike in all
 
 Sources: Belcour 2018; Weier & Belcour 2020 (anisotropy); de Dinechin & Belcour 2022 (diffuse bases).
 """

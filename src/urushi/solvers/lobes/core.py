@@ -113,7 +113,7 @@ class LobesCore:
         if self.energies is None:
             return respond(self.stack, wi, above, scatters)
         whole, still = (respond(self.stack, wi, above, scattered) for scattered in (True, False))
-        return self.energies.put(whole, still, self.stack, dr.abs(wi.z), above)[0 if scatters else 1]
+        return self.energies.put(whole, still, self.stack, wi, above)[0 if scatters else 1]
 
     def find(self, wi: Vector, above: bool, towards: Vector | None = None) -> Found:
         """The lobes for light from wi.

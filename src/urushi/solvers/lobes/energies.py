@@ -17,12 +17,13 @@ import numpy as np
 
 from ...adding import Slab, add, within
 from ...interfaces import BoundConductor, BoundDielectric, BoundDiffuse, Null
-from ...optics.vectors import Array, at_least, channels, is_live
+from ...optics.vectors import Array, Vector, at_least, channels, is_live
 from ..arrays import backend_module
 from ..bound import BoundStack
 from . import rows
+from .azimuths import Azimuths
 from .grid import Grid
-from .kernels import ALGEBRA, Kernels, Key, numbers, still, values
+from .kernels import ALGEBRA, Kernels, Key, brushed, numbers, still, values
 from .moments import is_zero
 from .nodes import Nodes
 
@@ -34,32 +35,32 @@ if TYPE_CHECKING:
 #: cells of the table
 CELLS = 224
 #: relative step of derivatives, and where numbers end
-STEP, STEPS = 5e-3, {"alpha": 5e-2}
-LIMITS = {"alpha": (1e-4, 1.0), "albedo": (0.0, 1.0), "g": (-0.999, 0.999), "reflectance": (0.0, 1.0)}
+STEP, STEPS = 5e-3, {"alpha": 5e-2, "across": 5e-2, "turn": 5e-2}
+ROUGH = 1e-4, 1.0
+LIMITS = {
+    "alpha": ROUGH,
+    "across": ROUGH,
+    "turn": (-np.inf, np.inf),
+    "albedo": (0.0, 1.0),
+    "g": (-0.999, 0.999),
+    "reflectance": (0.0, 1.0),
+}
 #: less than this that is scattered is not followed
 FAINT = 1e-6
 
 
 def follows(stack: BoundStack) -> bool:
     """Whether the energies of a stack are followed: two interfaces that light goes through, or particles, and something
-    that widens it; no diffuse base of facets.
-
-    Above an opaque base, interfaces that are not alike in all azimuths count as if they were, as rough as they are in
-    the mean square: that is nearer than what the recursion makes of their roughness in the plane of incidence. Of what
-    they transmit it is not.
-    """
+    that widens it; no diffuse base of facets. One interface is enough if it is not alike in all azimuths."""
     inner = [interface.single or interface for interface in stack.interfaces]
     known = BoundConductor, BoundDielectric, BoundDiffuse, Null
     if stack.tilted or not all(isinstance(i, known) for i in inner):
         return False
     media = [m for m in stack.media if m is not None]
     hazy = any(m.scatters for m in media)
-    pairs = [i.roughness() for i in inner]
-    turned = not all(x is y or (isinstance(x, float) and x == y) for x, y in pairs)
     rough = hazy or not all(i.flat or still(i) for i in stack.interfaces if not isinstance(i, BoundDiffuse))
-    if turned:
-        return rough and stack.opaque
-    return rough and (hazy or sum(isinstance(i, BoundDielectric) for i in inner) > 1)
+    turned = any(brushed(i) for i in inner)
+    return rough and (hazy or turned or sum(isinstance(i, BoundDielectric) for i in inner) > 1)
 
 
 class Energies:
@@ -84,7 +85,9 @@ class Energies:
         while dr.depth_v(number) > 1:
             number = dr.value_t(number)
         all_of = numbers(stack)
-        pile = Pile(stack, {key: values(value) for key, value in all_of.items()}, dr.float64_array_t(number))
+        free = any(name == "turn" and is_live(value) for (name, _), value in all_of.items())
+        given = {key: values(value) for key, value in all_of.items()}
+        pile = Pile(stack, given, dr.float64_array_t(number), free=free)
         live = [key for key, value in all_of.items() if is_live(value) and pile.bends(key)]
         return cls({above: pile.side(above, live) for above in core.sides}, live)
 
@@ -93,9 +96,9 @@ class Energies:
         return all(key in self._live or not is_live(value) for key, value in numbers(stack).items())
 
     def put(
-        self, answer: Answer, still: Answer, stack: BoundStack, cos: Array, above: bool
+        self, answer: Answer, still: Answer, stack: BoundStack, wi: Vector, above: bool
     ) -> tuple[Answer, Answer]:
-        """Answers of the recursion to light of some cosines, with these energies.
+        """Answers of the recursion to light of some directions, with these energies.
 
         What particles scattered is shared out between lobes and diffuse light as the recursion has it.
 
@@ -103,10 +106,10 @@ class Energies:
             answer: all of it; and
             still: what is never scattered by particles; the same if there are none.
             stack: whose they are.
-            cos, above: where the light comes from.
+            wi, above: where the light comes from.
         """
         side = self._sides[above]
-        found = side.at(cos, [numbers(stack)[key] for key in self._live])
+        found = side.at(wi, [numbers(stack)[key] for key in self._live])
         exact = self._still(still, side, found)
         if not side.hazy:
             return exact, exact
@@ -149,13 +152,13 @@ class Energies:
         late = replace(answer.delayed, energy=at_least(whole - straight, 0))
         return replace(answer, through=replace(answer.through, energy=straight), delayed=late)
 
-    def left(self, cos: Array, above: bool, like: Array) -> tuple[dict[Place, Array], Array]:
-        """What each layer keeps of light of some cosines, and how much of that is lost between facets of the base.
+    def left(self, wi: Vector, above: bool, like: Array) -> tuple[dict[Place, Array], Array]:
+        """What each layer keeps of light of some directions, and how much of that is lost between facets of the base.
 
         Args:
             like: a number or colour of the type that the answer has.
         """
-        return self._sides[above].left(cos, like)
+        return self._sides[above].left(wi, like)
 
 
 @dataclass
@@ -171,6 +174,7 @@ class Side:
         kept: C numbers for each of the `places`, and for what facets of the base lose.
         places: layers.
         hazy: whether anything scatters.
+        azimuths: all numbers are so many, beside one another: what they have of every harmonic.
     """
 
     colours: int
@@ -180,15 +184,28 @@ class Side:
     kept: Grid
     places: list[Place]
     hazy: bool
+    azimuths: Azimuths
 
-    def at(self, cos: Array, live: list[Array]) -> list[Array]:
-        """All `energies`, with derivatives in these numbers."""
+    def _read(self, tables: list[Grid], wi: Vector) -> list[list[Array]]:
+        cos = dr.abs(wi.z)
         places = [rows.along(cos, self.critical)]
-        found = self.energies(places, cos)
-        for number, slope in zip(live, self.slopes, strict=True):
+        harmonics = self.azimuths.at(wi.x, wi.y)
+        found = []
+        for table in tables:
+            values = table(places, cos)
+            size = len(values) // self.azimuths.count
+            for j, harmonic in enumerate(harmonics, 1):
+                more = values[j * size : (j + 1) * size]
+                values[:size] = [dr.fma(harmonic, b, a) for a, b in zip(values[:size], more, strict=True)]
+            found.append(values[:size])
+        return found
+
+    def at(self, wi: Vector, live: list[Array]) -> list[Array]:
+        """All `energies`, with derivatives in these numbers."""
+        found, *slopes = self._read([self.energies, *self.slopes], wi)
+        for number, more in zip(live, slopes, strict=True):
             parts = [number[c] for c in range(channels(number))] if channels(number) else [number]
             parts = [part - dr.detach(part) for part in parts]
-            more = slope(places, cos)
             found = [
                 dr.fma(s, parts[n % self.colours % len(parts)], e)
                 for n, (e, s) in enumerate(zip(found, more, strict=True))
@@ -203,9 +220,9 @@ class Side:
             return found[start]
         return type(like)(*(found[start + (c if size > 1 else 0)] for c in range(channels(like))))
 
-    def left(self, cos: Array, like: Array) -> tuple[dict[Place, Array], Array]:
+    def left(self, wi: Vector, like: Array) -> tuple[dict[Place, Array], Array]:
         """See `Energies.left`."""
-        found = self.kept([rows.along(cos, self.critical)], cos)
+        (found,) = self._read([self.kept], wi)
         parts = [self.picked(found, k, like) for k in range(len(self.places) + 1)]
         return dict(zip(self.places, parts, strict=False)), parts[-1]
 
@@ -218,17 +235,25 @@ class Pile:
         given: its numbers (C,).
         number: double precision, of a vectorised backend.
         base: a pile to take layers from whose numbers are the same, and its nodes; None for none.
+        free: whether axes of interfaces may turn.
     """
 
     def __init__(
-        self, stack: BoundStack, given: dict[Key, np.ndarray], number: Any, base: Pile | None = None
+        self,
+        stack: BoundStack,
+        given: dict[Key, np.ndarray],
+        number: Any,
+        base: Pile | None = None,
+        free: bool = False,
     ) -> None:
         self.stack, self.given, self.number = stack, given, number
         regions = sum(name == "index" for name, _ in given)
         self.nodes: Nodes = (
             base.nodes if base else Nodes([float(given["index", r][0]) for r in range(regions)])
         )
-        self.kernels = Kernels(stack, given, self.nodes, number)
+        turns = [float(value[0]) for (name, _), value in given.items() if name == "turn"]
+        self.azimuths: Azimuths = base.azimuths if base else Azimuths(turns, free)
+        self.kernels = Kernels(stack, given, self.nodes, self.azimuths, number)
         self.hazy = any(medium is not None and medium.scatters for medium in stack.media)
         changed = {key for key in given if base is not None and given[key] is not base.given[key]}
         known: dict[Place, tuple[Slab, Slab]] = {}
@@ -237,7 +262,8 @@ class Pile:
         #: place, as it is to light that is never scattered, and to all
         self.layers: list[tuple[Place, Slab, Slab]] = []
         for k in range(len(stack.interfaces)):
-            of = {(name, k) for name in ("alpha", "eta", "k", "reflectance", "index")} | {("index", k + 1)}
+            own = "alpha", "across", "turn", "eta", "k", "reflectance", "index"
+            of = {(name, k) for name in own} | {("index", k + 1)}
             if base is None or changed & of:
                 slab = self.kernels.slab(k)
                 known[False, k] = slab, slab
@@ -252,7 +278,7 @@ class Pile:
 
     def bends(self, key: Key) -> bool:
         """Whether energies depend on a number: not on the roughness of what is smooth or invisible."""
-        return key[0] != "alpha" or not still(self.stack.interfaces[key[1]])
+        return key[0] not in ("alpha", "across", "turn") or not still(self.stack.interfaces[key[1]])
 
     def side(self, above: bool, live: list[Key]) -> Side:
         """What becomes of light from one side, with derivatives in some numbers."""
@@ -273,42 +299,45 @@ class Pile:
             )
             slopes.append((more - less) / (ends[1] - ends[0])[:, None])
         size = max(len(kept[0]), len(energies[0]))
-        shape = len(cos), -1
-        grids = [
-            Grid(np.moveaxis(np.broadcast_to(x, (len(x), size, len(cos))), -1, 0).reshape(shape))
-            for x in (energies, *slopes, kept)
-        ]
+        many = len(cos) * self.azimuths.count
+        grids = []
+        for x in (energies, *slopes, kept):
+            parts = np.broadcast_to(x, (len(x), size, many)).reshape(len(x), size, -1, len(cos))
+            grids.append(Grid(np.transpose(parts, (3, 2, 0, 1)).reshape(len(cos), -1)))
         places = [place for place, *_ in (self.layers if above else reversed(self.layers))]
-        return Side(size, critical, grids[0], grids[1:-1], grids[-1], places, self.hazy)
+        return Side(size, critical, grids[0], grids[1:-1], grids[-1], places, self.hazy, self.azimuths)
 
     def _followed(self, cos: np.ndarray, above: bool) -> tuple[np.ndarray, np.ndarray]:
-        """(K + 4, C, M), (L + 1, C, M): `Side.energies` and `Side.kept`, for light of some cosines (M,)."""
+        """(K + 4, C, H N), (L + 1, C, H N): `Side.energies` and `Side.kept`, for light of some cosines (N,), as
+        harmonics of its azimuth."""
         count = len(self.stack.interfaces)
         first = 0 if above else count - 1
+        total = self.azimuths.energy
         r, t = self.kernels.sent(first, cos, above)
         layers = self.layers
         if not above:
             layers = [(place, *(s.turned_over() for s in slabs)) for place, *slabs in reversed(layers)]
         entry = layers[0][1]._replace(r_top=r, t_down=t)
-        whole, straight, before = entry, t, r.sum(axis=1)
+        whole, straight, before = entry, t, total(r)
         energies = {first: before}
         for (medium, number), slab, _ in layers[1:]:
             whole, straight = add(whole, slab, ALGEBRA), slab.t_down @ straight
             if not medium:
-                after = whole.r_top.sum(axis=1)
+                after = total(whole.r_top)
                 energies[number], before = after - before, after
-        through = whole.t_down.sum(axis=1)
+        through = total(whole.t_down)
         pile = [entry, *(slab for _, _, slab in layers[1:])]
-        lights = within(pile, np.eye(len(cos))[None], ALGEBRA)
-        down, up = ([light.sum(axis=1) for light in some] for some in lights)
+        lights = within(pile, np.eye(r.shape[2])[None], ALGEBRA)
+        down, up = ([total(light) for light in some] for some in lights)
+        down[0] = lights[0][0].sum(axis=1)
         up.append(0 * up[0])
         kept = [down[k] + up[k + 1] - up[k] - down[k + 1] for k in range(len(pile))]
         kept.append(self._shadowed(lights[0], pile[-1].r_top, cos))
         scattered = [np.maximum(up[0] - before, 0), np.maximum(down[-1] - through, 0)]
-        every = [energies[k] for k in range(count)] + [through, straight.sum(axis=1), *scattered]
+        every = [energies[k] for k in range(count)] + [through, total(straight), *scattered]
         size = max(len(e) for e in [*every, *kept])
-        found = [np.stack([np.broadcast_to(e, (size, len(cos))) for e in some]) for some in (every, kept)]
-        return found[0], found[1]
+        found = [np.stack([np.broadcast_to(e, (size, r.shape[2])) for e in some]) for some in (every, kept)]
+        return self.azimuths.told(found[0]), self.azimuths.told(found[1])
 
     def _shadowed(self, down: list[np.ndarray], sent: np.ndarray, cos: np.ndarray) -> np.ndarray:
         """(C, M) what facets of the base reflect and others keep.
@@ -322,8 +351,12 @@ class Pile:
         if not isinstance(base, BoundConductor) or still(base):  # or nothing is lost
             return np.zeros((1, down[0].shape[-1]))
         k = len(self.stack.interfaces) - 1
-        white = self.kernels.white(k, cos if len(self.layers) == 1 else self.nodes.cosines(k))
-        return np.asarray(((sent.sum(axis=1) * (1 / white - 1))[:, None] @ down[-2])[:, 0])
+        if len(self.layers) > 1:
+            cos = self.nodes.cosines(k)
+            sent = sent if self.azimuths.count == 1 else self.kernels.sent(k, cos, True)[0]
+        lost = self.azimuths.energy(sent) * (1 / self.kernels.white(k, cos) - 1)
+        lost = self.azimuths.told(lost) if len(self.layers) > 1 else lost
+        return np.asarray((lost[:, None] @ down[-2])[:, 0])
 
 
 def _beams(answer: Answer, same: bool) -> list[Beam]:

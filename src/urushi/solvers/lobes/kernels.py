@@ -23,10 +23,11 @@ from ...optics.phase import HenyeyGreenstein, Isotropic
 from ...optics.vectors import at_least, at_most, channels, reflect
 from ..arrays import padded
 from ..bound import BoundStack
+from .azimuths import Azimuths
 from .nodes import Nodes
 
-#: facets for each direction: a Fibonacci number
-FACETS = 1597
+#: facets for each direction, and for each of several azimuths: Fibonacci numbers
+FACETS, FEWER = 1597, 987
 #: the lowest cosine of a direction that light is sent from
 LOWEST = 1e-4
 #: moments of a phase function, and the depth of a slab in which light is scattered once
@@ -46,7 +47,8 @@ def _series(a: Any, b: Any, x: Any) -> Any:
 ALGEBRA = Algebra(operator.matmul, _series)
 
 
-#: what a number is ("index", "alpha", "eta", "k", "reflectance", "depth", "albedo", "g"), of which region or interface
+#: what a number is ("index", "alpha", and "across" and "turn" of two roughnesses, "eta", "k", "reflectance", "depth",
+#: "albedo", "g"), of which region or interface
 Key = tuple[str, int]
 
 
@@ -57,8 +59,9 @@ def numbers(stack: BoundStack) -> dict[Key, Any]:
     for k, interface in enumerate(stack.interfaces):
         inner: Any = interface.single if interface.single is not None else interface
         if getattr(inner, "facets", None) is not None:
-            x, y = inner.facets.alpha_x, inner.facets.alpha_y
-            found["alpha", k] = x if x is y else dr.sqrt(0.5 * (dr.square(x) + dr.square(y)))
+            found["alpha", k] = inner.facets.alpha_x
+            if brushed(inner):
+                found["across", k], found["turn", k] = inner.facets.alpha_y, _turn(inner.frame)
         if isinstance(inner, BoundConductor):
             found["eta", k], found["k", k] = inner.eta, inner.k
         if isinstance(inner, BoundDiffuse):
@@ -77,6 +80,12 @@ def values(number: Any) -> np.ndarray:
     return np.array([float(np.ravel(np.array(dr.detach(part), dtype=np.float64))[0]) for part in parts])
 
 
+def brushed(interface: Interface) -> bool:
+    """Whether it has two roughnesses."""
+    x, y = interface.roughness()
+    return not (x is y or (isinstance(x, float) and x == y))
+
+
 def still(interface: Interface) -> bool:
     """Whether it is smooth or invisible."""
     delta: Any = interface.delta
@@ -90,24 +99,33 @@ class Kernels:
         stack: its structure.
         given: its numbers (C,), which may be others.
         nodes: of its regions.
+        azimuths: of light.
         number: type of numbers: double precision, of a vectorised backend.
     """
 
-    def __init__(self, stack: BoundStack, given: dict[Key, np.ndarray], nodes: Nodes, number: Any) -> None:
+    def __init__(
+        self,
+        stack: BoundStack,
+        given: dict[Key, np.ndarray],
+        nodes: Nodes,
+        azimuths: Azimuths,
+        number: Any,
+    ) -> None:
         self.stack, self.given, self.nodes, self.number = stack, given, nodes, number
+        self.azimuths = azimuths
         self.vector: Any = sys.modules[number.__module__].Array3f64
         small, size = 1, 1
-        while size < FACETS:
+        while size < (FACETS if azimuths.count == 1 else FEWER):
             small, size = size, small + size
         i = np.arange(size)
         self._lattice = (i + 0.5) / size, (i * small % size + 0.5) / size
 
     def slab(self, k: int) -> Slab:
         """All four matrices of an interface, (C, n_out, n_in); empty ones below an opaque base."""
-        r, t = self.sent(k, self.nodes.cosines(k), True)
+        r, t = map(self.azimuths.told, self.sent(k, self.nodes.cosines(k), True))
         if self.stack.interfaces[k].opaque:
             return Slab(r, t, np.zeros((1, 0, 0)), np.swapaxes(t, 1, 2))
-        below, up = self.sent(k, self.nodes.cosines(k + 1), False)
+        below, up = map(self.azimuths.told, self.sent(k, self.nodes.cosines(k + 1), False))
         return Slab(r, t, below, up)
 
     def medium(self, region: int, scatters: bool) -> Slab:
@@ -117,10 +135,19 @@ class Kernels:
             colours = np.broadcast_arrays(depth, self.given["albedo", region], self.given["g", region])
             slabs = [self._hazy(region, *map(float, colour)) for colour in zip(*colours, strict=True)]
             r, t = np.stack([slab.r_top for slab in slabs]), np.stack([slab.t_down for slab in slabs])
+            if self.azimuths.count > 1:  # what is scattered has no azimuth any more
+                r, t = self.azimuths.scattered(r, 0 * r), self.azimuths.scattered(t, self._clear(cos, depth))
             return Slab(r, t, r, t)
-        through = np.exp(-depth[:, None] / cos)[:, :, None] * np.eye(len(cos))
+        through = self._clear(cos, depth)
+        if self.azimuths.count > 1:
+            through = self.azimuths.scattered(through, through)
         nothing = np.zeros((1, *through.shape[1:]))
         return Slab(nothing, through, nothing, through)
+
+    @staticmethod
+    def _clear(cos: np.ndarray, depth: np.ndarray) -> np.ndarray:
+        """(C, n, n) what goes through without meeting a particle."""
+        return np.asarray(np.exp(-depth[:, None] / cos)[:, :, None] * np.eye(len(cos)))
 
     def _hazy(self, region: int, depth: float, albedo: float, g: float) -> Slab:
         """A slab of particles, by doubling of one so thin that light is scattered once in it.
@@ -165,7 +192,8 @@ class Kernels:
             above: whether that is the upper one.
 
         Returns:
-            (C, n, N) what is reflected, (C, n_beyond, N) what is transmitted, on the nodes of either region.
+            (C, M n, A N) what is reflected, (C, M n_beyond, A N) what is transmitted, on the nodes of either region and
+            as harmonics of the azimuth, for light from all `Azimuths.angles`.
         """
         interface = self.stack.interfaces[k]
         inner: Any = interface.single if interface.single is not None else interface
@@ -174,27 +202,30 @@ class Kernels:
         full = interface.single is not None and not still(interface)
         if isinstance(inner, BoundConductor):
             r = self._metal(k, cos, self.given["eta", k], self.given["k", k])
-            return r + self._returned(k, cos) if full else r, np.zeros((1, 0, len(cos)))
+            return r + self._returned(k, cos) if full else r, np.zeros((1, 0, r.shape[2]))
         if isinstance(inner, BoundDiffuse):
             even = self.given["reflectance", k][:, None] * self.nodes.weights(k)
-            return np.repeat(even[:, :, None], len(cos), axis=2), np.zeros((1, 0, len(cos)))
+            size = len(cos) * len(self.azimuths.angles)
+            return self.azimuths.evened(np.repeat(even[:, :, None], size, axis=2)), np.zeros((1, 0, size))
         if isinstance(inner, Null) or self.nodes.index(beyond) == self.nodes.index(here):
             light = self.number(padded(cos))
-            all_of = self.nodes.shared(here, light, [1 + 0 * light], 1)
+            all_of = self.azimuths.kept(self.nodes.shared(here, light, [1 + 0 * light], 1))
             return 0 * all_of, all_of
         r, t = self._dielectric(k, cos, above)
         if full:
-            lost = 1 - r.sum(axis=1) - t.sum(axis=1)
+            lost = 1 - self.azimuths.energy(r) - self.azimuths.energy(t)
             passed = float(values(interface.missing.exchanged()[0 if above else 1])[0])  # type: ignore[attr-defined]
-            r = r + self._lost_shape(k, above)[None, :, None] * (lost * (1 - passed))[:, None]
-            t = t + self._lost_shape(k, not above)[None, :, None] * (lost * passed)[:, None]
+            for side, part in ((above, 1 - passed), (not above, passed)):
+                more = self.azimuths.evened(self._lost_shape(k, side)[None, :, None] * (lost * part)[:, None])
+                r, t = (r + more, t) if side is above else (r, t + more)
         return r, t
 
     def _lost_shape(self, k: int, above: bool) -> np.ndarray:
         """(n,) how what facets sent to one another leaves on a side, over all of it."""
         region = k if above else k + 1
         r, t = self._dielectric(k, np.maximum(self.nodes.cosines(region), LOWEST), above)
-        return _shape((1 - r.sum(axis=1) - t.sum(axis=1))[0], self.nodes.weights(region))
+        lost = (1 - self.azimuths.energy(r) - self.azimuths.energy(t))[0]
+        return _shape(self.azimuths.mean(lost), self.nodes.weights(region))
 
     def _dielectric(self, k: int, cos: np.ndarray, above: bool) -> tuple[np.ndarray, np.ndarray]:
         number, regions = self.number, (k, k + 1) if above else (k + 1, k)
@@ -204,13 +235,14 @@ class Kernels:
             light = number(padded(cos))
             fresnel, beyond = fresnel_dielectric(light, eta, 1 / eta)
             r = self.nodes.shared(regions[0], light, [fresnel], 1)
-            return r, self.nodes.shared(regions[1], at_least(dr.abs(beyond), LOWEST), [1 - fresnel], 1)
+            t = self.nodes.shared(regions[1], at_least(dr.abs(beyond), LOWEST), [1 - fresnel], 1)
+            return self.azimuths.kept(r), self.azimuths.kept(t)
         w, facets, u = self._facets(k, cos)
         copy = BoundDielectric(eta, facets, False, Frame(0.0))
         up, down = (copy.sample(w, (0.5, *u), True, part) for part in ("reflect", "transmit"))
         weights = [dr.select(right, e.weight, 0) for e, right in ((up, up.o.z > 0), (down, down.o.z < 0))]
         r, t = (
-            self._counted(region, sample.o.z, [weight])
+            self._counted(region, k, sample.o, [weight])
             for region, sample, weight in zip(regions, (up, down), weights, strict=True)
         )
         return r, t
@@ -221,7 +253,8 @@ class Kernels:
         colours = _pairs(number, *index)
         if still(self.stack.interfaces[k]):
             like = number(padded(cos))
-            return self.nodes.shared(k, like, [fresnel_conductor(like, *pair) for pair in colours], 1)
+            fresnel = [fresnel_conductor(like, *pair) for pair in colours]
+            return self.azimuths.kept(self.nodes.shared(k, like, fresnel, 1))
         w, facets, u = self._facets(k, cos)
         m = facets.sample(w, *u)
         o = reflect(w, m)
@@ -229,41 +262,65 @@ class Kernels:
         kept = facets.masked(w, self.vector(o.x, o.y, dr.abs(o.z)), facets.sigma(w))
         kept = dr.select(o.z > 0, kept, 0)
         weights = [kept * fresnel_conductor(seen, *pair) for pair in colours]
-        return self._counted(k, o.z, weights)
+        return self._counted(k, k, o, weights)
 
     def white(self, k: int, cos: np.ndarray) -> np.ndarray:
-        """(N,) what the facets of a metal would reflect if they absorbed nothing."""
+        """(A N,) what the facets of a metal would reflect if they absorbed nothing."""
         ideal = self._metal(k, np.maximum(cos, LOWEST), np.zeros(1), np.ones(1))
-        return np.asarray(ideal[0].sum(axis=0))
+        return self.azimuths.energy(ideal)[0]
 
     def _returned(self, k: int, cos: np.ndarray) -> np.ndarray:
         """What a metal gives back of what its facets sent to one another (Kulla & Conty 2017)."""
         nodes, weights = np.maximum(self.nodes.cosines(k), LOWEST), self.nodes.weights(k)
         lost, all_lost = (1 - self.white(k, c) for c in (cos, nodes))
+        all_lost = self.azimuths.mean(all_lost)
         mean = float(all_lost @ weights)
         like = self.number(padded(nodes))
         pairs = _pairs(self.number, self.given["eta", k], self.given["k", k])
         even = np.array([np.array(fresnel_conductor(like, *pair)) @ weights for pair in pairs])
         part = even**2 * (1 - mean) / (1 - even * mean)
-        return np.asarray(part[:, None, None] * _shape(all_lost, weights)[None, :, None] * lost)
+        return self.azimuths.evened(part[:, None, None] * _shape(all_lost, weights)[None, :, None] * lost)
 
     def _facets(self, k: int, cos: np.ndarray) -> tuple[Any, Microfacets, tuple[Any, Any]]:
         """Directions, each for all facets of the lattice, the surface, and what chooses its facets."""
         interface: Any = self.stack.interfaces[k]
         number, given = self.number, (interface.single or interface).facets
         count = len(self._lattice[0])
-        many = np.repeat(cos, count)
+        angles = self.azimuths.angles
+        many = np.repeat(np.tile(cos, len(angles)), count)
         c, s = (number(padded(x)) for x in (many, np.sqrt((1 - many) * (1 + many))))
-        u = tuple(number(padded(np.tile(x, len(cos)))) for x in self._lattice)
+        u = tuple(number(padded(np.tile(x, len(cos) * len(angles)))) for x in self._lattice)
         alpha = dr.opaque(number, float(self.given["alpha", k][0]))
         names = "ggx" if given.ggx else "beckmann", "correlated" if given.correlated else "separable"
-        return self.vector(s, 0 * c, c), Microfacets(alpha, alpha, *names), (u[0], u[1])
+        if self.azimuths.count == 1:
+            return self.vector(s, 0 * c, c), Microfacets(alpha, alpha, *names), (u[0], u[1])
+        across = dr.opaque(number, float(self.given.get(("across", k), self.given["alpha", k])[0]))
+        x, y = (
+            number(padded(np.repeat(part, len(cos) * count))) for part in (np.cos(angles), np.sin(angles))
+        )
+        w = self._frame(k).enter(self.vector(s * x, s * y, c))
+        return w, Microfacets(alpha, across, *names), (u[0], u[1])
 
-    def _counted(self, region: int, cos: Any, weights: list[Any]) -> np.ndarray:
-        """Samples on nodes (C, n, N)."""
+    def _frame(self, k: int) -> Frame:
+        turn = float(self.given["turn", k][0]) if ("turn", k) in self.given else 0.0
+        return Frame(np.degrees(turn)) if turn == 0 else Frame(dr.opaque(self.number, np.degrees(turn)))
+
+    def _counted(self, region: int, k: int, o: Any, weights: list[Any]) -> np.ndarray:
+        """Samples that the interface k sent to o, on nodes and as harmonics (C, M n, A N)."""
         count = len(self._lattice[0])
-        cos = at_most(at_least(dr.abs(cos), LOWEST), 1)
-        return self.nodes.shared(region, cos, [weight / count for weight in weights], count)
+        cos = at_most(at_least(dr.abs(o.z), LOWEST), 1)
+        weights = [weight / count for weight in weights]
+        if self.azimuths.count > 1:
+            o = self._frame(k).leave(o)
+            more = self.azimuths.at(o.x, o.y)
+            weights = [part for weight in weights for part in (weight, *(weight * y for y in more))]
+        found = self.nodes.shared(region, cos, weights, count)
+        return found.reshape(-1, self.azimuths.count * found.shape[1], found.shape[2])
+
+
+def _turn(frame: Frame) -> Any:
+    """The angle of the x axis."""
+    return dr.atan2(frame.sin, frame.cos) if frame.turned else 0.0
 
 
 def _pairs(number: Any, *index: np.ndarray) -> list[tuple[Any, ...]]:

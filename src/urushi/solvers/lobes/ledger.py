@@ -117,7 +117,7 @@ def followed(bsdf: LobesBSDF, wi: np.ndarray, with_error: bool) -> Ledger:
                 answer = respond(core.stack, w, above, tally=tally)
             else:
                 answer = core.answer(w, above)
-                tally.kept, shadowed = core.energies.left(dr.abs(w.z), above, core.spectrum(0))
+                tally.kept, shadowed = core.energies.left(w, above, core.spectrum(0))
                 tally.shadowed = {len(core.stack.interfaces) - 1: shadowed}
             up = sum((beam.energy for beam in answer.reflected), answer.diffuse)
             through = sum((beam.energy for beam in (answer.through, answer.delayed) if beam is not None), 0.0)
