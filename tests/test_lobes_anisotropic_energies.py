@@ -134,3 +134,22 @@ def test_derivatives(name: str) -> None:
     dr.backward(found)
     ends = [energy(Float64(value + step))[0] for step in (half, -half)]
     assert dr.grad(x)[0] == pytest.approx((ends[0] - ends[1]) / (2 * half), rel=0.05)
+
+
+@pytest.mark.parametrize(
+    ("name", "key", "error"),
+    [
+        ("bare metal", "layer_0.k", 0.017),
+        ("coat on metal", "layer_0.ior", 0.05),
+        ("smooth coat on metal", "layer_0.ior", 0.13),
+        ("sheet", "layer_0.ior", 0.04),
+    ],
+)
+def test_the_recursion(name: str, key: str, error: float) -> None:
+    """With one number for each lane: deeper interfaces have the mean roughness, not that in the plane outside."""
+    layers, side, truth = TRUTH[name]
+    value = getattr(layers[0], key.split(".")[1])
+    bsdf = _solved(layers, parameters={key: np.full(6, float(value))})
+    assert bsdf.diagnostics["energies"] == "recursion"
+    found = bsdf.reflectance(_directions((0, 45, 90), (30, 75), side)).mean(axis=1)
+    np.testing.assert_allclose(found, truth, atol=error)

@@ -20,7 +20,7 @@ from ..facet_lobe import Lobe
 from . import slopes
 from .matte import Matte, clear
 from .medium import Particles
-from .operators import GRAZING, Boundary
+from .operators import GRAZING, Boundary, leaning
 
 if TYPE_CHECKING:
     from .core import Found, LobesCore
@@ -135,7 +135,8 @@ class Exit:
         passed: Array = 1.0
         last = len(stack.interfaces) - 1
         for k in range(last + 1) if above else range(last, -1, -1):
-            boundary = Boundary(stack.interfaces[k], above, o)
+            lean = leaning(stack.interfaces[k], k == (0 if above else last))
+            boundary = Boundary(stack.interfaces[k], above, o, lean=lean)
             if boundary.opaque:
                 break
             passed = passed * boundary.beam(cos, None)[1]

@@ -32,6 +32,8 @@ from .width import OURS, Scale, Width, mean_roughness, of_interface
 Pair = tuple[Array, Array]
 #: what is left of light from one visit to the next in the means of `tables.round_trip`
 KEPT = (0.5, 0.9)
+#: how far energies of an outermost metal go with its roughness in the plane of incidence, instead of the mean one
+LEAN = 0.5
 #: lowest cosine of a mean direction: widths are in proportion to its inverse
 GRAZING = 1e-3
 
@@ -45,11 +47,19 @@ class Boundary:
         wi: direction of the light outside, whose azimuth decides what roughness an anisotropic interface shows.
         scale: of widths.
         mixes: whether diffuse light is told by its moments, as it is where a medium scatters.
+        lean: 1 if energies go with the roughness in the plane of incidence, 0 if with the root mean square of all.
     """
 
     def __init__(
-        self, interface: Interface, above: bool, wi: Vector, scale: Scale = OURS, mixes: bool = False
+        self,
+        interface: Interface,
+        above: bool,
+        wi: Vector,
+        scale: Scale = OURS,
+        mixes: bool = False,
+        lean: float = 1.0,
     ) -> None:
+        self.lean = lean
         self.interface, self.wi, self.scale, self.mixes = interface, wi, scale, mixes
         self.full = interface.single is not None
         self.inner: Any = interface.single if self.full else interface
@@ -64,6 +74,7 @@ class Boundary:
         self.frame: Frame = getattr(self.inner, "frame", Frame(0.0))
         if facets is None:
             self.alpha: Array = 0.0
+            self.around: Array = 0.0
             self.reflected: Width = 0.0
             self._widths = (0.0, 0.0)
             return
@@ -73,13 +84,22 @@ class Boundary:
             x, y = (dr.select(self.delta, 0, alpha) for alpha in (x, y))
         self.isotropic = facets.alpha_x is facets.alpha_y
         self._widths = x, x if self.isotropic else y
-        self.alpha = x if self.isotropic else shown(x, y, self.frame.enter(wi))
+        self.alpha = x if self.isotropic else shown(x, y, self.frame.enter(wi), lean)
+        #: for light that comes from all azimuths
+        self.around = x if self.isotropic else shown(x, y, self.wi, 0.0)
         self.reflected = self.width(1.0)
 
     @property
     def turned(self) -> Boundary:
         """The same interface for light from its other side."""
-        return Boundary(self.interface, not self.above, self.wi, self.scale, self.mixes)
+        return Boundary(
+            self.interface,
+            not self.above,
+            self.wi,
+            self.scale,
+            self.mixes,
+            0.0 if self.scale is OURS else self.lean,
+        )
 
     def width(self, scale: Array) -> Width:
         """The width that facets of `scale` times its roughness add."""
@@ -134,7 +154,7 @@ class Boundary:
             (reflectance, transmittance) the first time, and in the mean over all later times; the mean cosine of what
             is sent back down; and the roughness of what gets out in terms of what derivatives say.
         """
-        r, t, *means, down, narrower = tables.round_trip(cos, self.eta, self.alpha, width)
+        r, t, *means, down, narrower = tables.round_trip(cos, self.eta, self.around, width)
         # The more is left, the more of what is trapped is still there at late visits.
         low, high, at = (_lasting(x) for x in (*KEPT, kept))
         share = (at - low) / (high - low)
@@ -145,12 +165,12 @@ class Boundary:
 
     def backs(self, cos: Array, width: Array) -> Moments:
         """Moments per energy of what is sent back down the first time, for arguments as `round_trip` has them."""
-        return mixing.backs(cos, self.eta, self.alpha, width)
+        return mixing.backs(cos, self.eta, self.around, width)
 
     def sheet(self, cos: Array, other: Boundary) -> list[tuple[Array, Array]]:
         """(Reflectance, transmittance) in a sheet of glass that light enters here and that ends at the other interface:
         of that for what arrives first, and for all that comes again; of this one for what that sends back, likewise."""
-        found = tables.sheet(cos, self.eta, self.alpha, other.alpha)
+        found = tables.sheet(cos, self.eta, self.around, other.around)
         pairs = list(zip(found[::2], found[1::2], strict=True))
         full = other.full, other.full, self.full, self.full
         return [tables.complete(*pair) if whole else pair for pair, whole in zip(pairs, full, strict=True)]
@@ -201,12 +221,12 @@ class Boundary:
             return self.inner.reflectance + 0 * like, 0.0
         kind = self._kind()
         if isinstance(self.inner, BoundConductor):
-            return tables.metal_diffuse(kind, self.inner.eta, self.inner.k, self.alpha, self.full, like), 0.0
+            return tables.metal_diffuse(kind, self.inner.eta, self.inner.k, self.around, self.full, like), 0.0
         if self.smooth:
             r = settled("even", (self.eta,), lambda: even_fresnel(self.eta))
             r = even_fresnel(self.eta + 0 * like) if r is None else r
             return r, 1 - r
-        r, t = tables.dielectric_diffuse(kind, self.eta, self.alpha, like)
+        r, t = tables.dielectric_diffuse(kind, self.eta, self.around, like)
         return tables.complete(r, t) if self.full else (r, t)
 
     def _mixing(self, like: Array) -> tuple[Any, Any]:
@@ -216,8 +236,8 @@ class Boundary:
         if isinstance(inner, BoundDiffuse):
             return Mixing.evened(inner.reflectance + 0 * like), 0.0
         if isinstance(inner, BoundConductor):
-            return mixing.metal(kind, inner.eta, inner.k, self.alpha, self.full, like), 0.0
-        return mixing.dielectric(kind, self.eta, self.alpha, self.full or self.smooth, like)
+            return mixing.metal(kind, inner.eta, inner.k, self.around, self.full, like), 0.0
+        return mixing.dielectric(kind, self.eta, self.around, self.full or self.smooth, like)
 
     def unshadowed(self, cos: Array, width: Array | None) -> tuple[Any, Any]:
         """What facets that reflect everything would send out, of a lobe and of diffuse light; 1 where none is lost."""
@@ -230,7 +250,7 @@ class Boundary:
         diffuse = mixing.metal if self.mixes else tables.metal_diffuse
         return (
             tables.metal(kind, cos, *ideal, self.alpha, width, False),
-            diffuse(kind, *ideal, self.alpha, False, cos),
+            diffuse(kind, *ideal, self.around, False, cos),
         )
 
     def scatters(self) -> bool:
@@ -263,10 +283,21 @@ def supports(interface: Interface) -> bool:
     return isinstance(inner, (BoundConductor, BoundDielectric, BoundDiffuse, Null, RoughDiffuse))
 
 
-def shown(x: Array, y: Array, w: Vector) -> Array:
-    """The roughness along the plane of incidence of w (Heitz 2014), and in the mean where there is none."""
+def leaning(interface: Interface, outermost: bool) -> float:
+    """`Boundary.lean`: what is deeper meets light of other azimuths than that of the light outside."""
+    if not outermost:
+        return 0.0
+    return LEAN if isinstance(interface.single or interface, BoundConductor) else 1.0
+
+
+def shown(x: Array, y: Array, w: Vector, lean: float) -> Array:
+    """The roughness along the plane of incidence of w (Heitz 2014), and in the mean where there is none.
+
+    Args:
+        lean: as `Boundary` has it.
+    """
     a, b = dr.square(x), dr.square(y)
-    return dr.sqrt(at_least(0.5 * (a + b + (a - b) * (dr.square(w.x) - dr.square(w.y))), 1e-12))
+    return dr.sqrt(at_least(0.5 * (a + b + lean * (a - b) * (dr.square(w.x) - dr.square(w.y))), 1e-12))
 
 
 def even_fresnel(eta: Array) -> Array:

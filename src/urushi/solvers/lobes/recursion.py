@@ -26,7 +26,7 @@ from . import matte
 from .flow import BEAM, Flow, bounce, times
 from .medium import Particles
 from .moments import EVEN, Moments, is_zero, sum_of
-from .operators import GRAZING, Boundary
+from .operators import GRAZING, Boundary, leaning
 from .returns import Step, from_below, meet
 from .spread import Spread
 from .through import leaving, wider
@@ -104,7 +104,8 @@ def respond(stack: BoundStack, wi: Vector, above: bool, scatters: bool = True, t
     left: tuple[Width, Array] = 0.0, 0.0
     delayed: tuple[Width, Array] | None = None
     for k in order:
-        boundary = Boundary(stack.interfaces[k], above, wi, mixes=mixes)
+        lean = leaning(stack.interfaces[k], k == order[0])
+        boundary = Boundary(stack.interfaces[k], above, wi, mixes=mixes, lean=lean)
         # --- reflection: the lobe of this interface
         r, t = boundary.beam(cos, width)
         even_r, even_t = boundary.even(cos)
