@@ -32,8 +32,8 @@ if TYPE_CHECKING:
     from .ledger import Place
     from .recursion import Answer, Beam
 
-#: cells of the table
-CELLS = 224
+#: cells of the table, and where azimuths count
+CELLS, COARSE = 224, 96
 #: relative step of derivatives, and where numbers end
 STEP, STEPS = 5e-3, {"alpha": 5e-2, "across": 5e-2, "turn": 5e-2}
 ROUGH = 1e-4, 1.0
@@ -285,7 +285,7 @@ class Pile:
         regions = sum(name == "index" for name, _ in self.given)
         indices = [float(self.given["index", r][0]) for r in range(regions)]
         critical = rows.critical(indices, above)
-        cos = rows.cosines(CELLS + 1, critical)
+        cos = rows.cosines((CELLS if self.azimuths.count == 1 else COARSE) + 1, critical)
         energies, kept = self._followed(cos, above)
         slopes = []
         for key in live:

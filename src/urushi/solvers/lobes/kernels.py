@@ -27,7 +27,7 @@ from .azimuths import Azimuths
 from .nodes import Nodes
 
 #: facets for each direction, and for each of several azimuths: Fibonacci numbers
-FACETS, FEWER = 1597, 987
+FACETS, FEWER = 1597, 610
 #: the lowest cosine of a direction that light is sent from
 LOWEST = 1e-4
 #: moments of a phase function, and the depth of a slab in which light is scattered once
