@@ -70,9 +70,9 @@ def one(name: str, rounds: int) -> dict[str, Any]:
 
     llvm.prepare()
     from urushi.adapters import native
-    from urushi.solvers.adding.refine import GROWTH, difference
+    from urushi.solvers.adding.refine import GROWTH
     from urushi.solvers.adding.result import AddingBSDF
-    from urushi.solvers.adding.whole import solution, unchecked
+    from urushi.solvers.adding.whole import apart, solution, unchecked
 
     material = stack(name)
     solution(material, 0.1, 6)  # kernels
@@ -100,7 +100,7 @@ def one(name: str, rounds: int) -> dict[str, Any]:
     return {
         "checked": float(np.median(checked)),
         "alone": float(np.median(alone)),
-        "alone_error": difference(fewer, found),
+        "alone_error": apart(material, fewer, found),
         "nodes": found.diagnostics["nodes"],
         "orders": found.diagnostics["orders"],
         "error": found.diagnostics["estimated_error"],

@@ -26,7 +26,7 @@ from .delta_m import peaked
 from .layers import MediumLayer
 from .media import METHODS, Method
 from .once import covers, peaks
-from .refine import AZIMUTHS, COSINES, GROWTH, difference, exits, refine
+from .refine import AZIMUTHS, COSINES, GROWTH, Seen, difference, exits, refine
 from .solution import Solution
 from .solver import cut, solve_on
 from .spectrum import Spectrum
@@ -81,6 +81,13 @@ def unchecked(stack: Stack, accuracy: float, nodes: Sequence[int]) -> Solution:
     """The operators on so many nodes per panel, whatever their error: what half of `solution` takes."""
     with one_thread():
         return _Problem(stack, accuracy, ()).solve(list(nodes))
+
+
+def apart(stack: Stack, one: Solution, other: Solution) -> float:
+    """By how much two solutions of a stack differ, in energies and relative to the peak of the BSDF (see `refine`)."""
+    problem = _Problem(stack, 1e-3, ())
+    seen = Seen(one, problem.closed), Seen(other, problem.closed)
+    return difference(*seen, _heights(problem.every.thirds, problem.indices))
 
 
 class _Problem:
