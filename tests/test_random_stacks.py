@@ -70,7 +70,7 @@ def lane_values(stack: ur.Stack, n: int, rng: np.random.Generator) -> dict[str, 
             correlation = rng.uniform(-1, 1, n) * deviation.prod(axis=1)
             found[name] = np.column_stack([deviation**2, correlation])
             continue
-        width = len(value) if isinstance(value, tuple) else rng.choice([1, 3]) if leaf in COLOURS else 1
+        width = len(value) if isinstance(value, tuple) else rng.choice([1, 3]) if rule.size == 3 else 1
         ends = rng.choice([rule.low, min(rule.high, DEEPEST) if leaf == "depth" else rule.high], (n, width))
         if isinstance(rule, Roughness):
             inner = 10.0 ** rng.uniform(-4, 0, (n, width))
@@ -85,9 +85,6 @@ def lane_values(stack: ur.Stack, n: int, rng: np.random.Generator) -> dict[str, 
         values = np.where(rng.random((n, 1)) < 0.25, ends, inner)
         found[name] = values[:, 0] if width == 1 else values
     return found
-
-
-COLOURS = ("albedo", "reflectance", "depth", "eta", "k")
 
 
 def obeys(stack: ur.Stack, seed: int) -> None:
