@@ -5,7 +5,7 @@ from __future__ import annotations
 import copy
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
-from functools import partial
+from functools import cached_property, partial
 from numbers import Integral
 from typing import Any
 
@@ -109,8 +109,17 @@ class _Problem:
         self.sharp = any(map(peaked, self.phases))
         self.indices, self.extra = build.indices(self.bound), tuple(extra)
         self.accuracy, self.tolerance = accuracy, 0.1 * accuracy
-        self.few, self.squeeze = build.counts(self.bound, self.phases, accuracy, bool(self.extra))
         self.orders, self.media = orders, media
+
+    @cached_property
+    def _plan(self) -> tuple[list[int], float]:
+        return build.counts(self.bound, self.phases, self.accuracy, bool(self.extra))
+
+    @property
+    def squeeze(self) -> float:
+        """How much closer together nodes are towards the normal: where nothing is rough, not at all."""
+        smooth = all(interface.delta is True for interface in self.bound.interfaces)
+        return 1.0 if smooth else self._plan[1]
 
     def solve(self, counts: list[int]) -> Solution:
         bound = self.bound
@@ -145,7 +154,7 @@ class _Problem:
         """Nodes per panel to begin with, or those that are asked for."""
         panels = len(Grid.build([*self.indices, *self.extra], FEWEST).panels)
         if nodes is None:
-            own = self.few
+            own = self._plan[0]
             return own if len(own) == panels else [own[0], *[own[-1]] * (panels - 1)]
         counts: list[Any] = list(nodes) if np.iterable(nodes) else [nodes] * panels
         if len(counts) != panels or not all(isinstance(n, Integral) and int(n) >= 4 for n in counts):
