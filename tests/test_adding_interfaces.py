@@ -22,7 +22,7 @@ from urushi.solvers.adding.basis import Grid
 from urushi.solvers.adding.columns import Side, columns
 from urushi.solvers.adding.interfaces import RoughLayer
 from urushi.solvers.adding.operator import OPERATORS, Operator
-from urushi.solvers.adding.resolution import narrowest, panel_counts, squeeze
+from urushi.solvers.adding.resolution import narrowest, plan
 from urushi.solvers.arrays import padded
 from urushi.solvers.bound import BoundStack, bind
 from urushi.solvers.numbers import gather_numbers
@@ -320,17 +320,17 @@ def test_resolution() -> None:
     assert narrowest([0.0, 0.05], [1.0, 1.5], True) == pytest.approx(0.1)
     assert narrowest([0.3, 0.05], [1.0, 1.5], True) == pytest.approx(np.sqrt(0.01 + 2 * 0.1**2))
     assert narrowest([0.1, 0.1], [1.0, 1.5, 1.0], False) == pytest.approx(np.hypot(0.1 / 3, 0.05))
-    assert panel_counts([0.01, None], [1.0, 1.5], True, 1e-3) == [18, 11]
+    assert plan([0.01, None], [1.0, 1.5], True, 1e-3)[0] == [18, 11]
     # Of stacks that transmit, whatever meets one rough interface has a closed form behind smooth ones, too.
     through = functools.partial(narrowest, opaque=False, through=True)
     assert through([0.1, 0.0], [1.0, 1.5, 1.5]) is None
     assert through([0.1, 0.1], [1.0, 1.5, 1.0]) == pytest.approx(np.hypot(0.1 / 3, 0.05))
     assert through([0.0, 0.1], [1.0, 1.5, 1.0]) == pytest.approx(np.sqrt(2) * 0.1 / 3)  # off the upper face
     sheet = [0.1, 0.1], [1.0, 1.5, 1.0], False, 1e-3
-    assert squeeze(*sheet) == squeeze([0.3, 0.3], *sheet[1:], True) == 1 and squeeze(*sheet, True) == 0.4
-    assert panel_counts(*sheet, True)[0] < 0.6 * panel_counts(*sheet)[0]
-    assert panel_counts(*sheet, True)[1] < 0.3 * panel_counts(*sheet)[1]
-    few, more = (panel_counts([0.05, 0.1], [1.0, 1.5], True, a)[0] for a in (1e-2, 1e-4))
+    assert plan(*sheet)[1] == plan([0.3, 0.3], *sheet[1:], True)[1] == 1 and plan(*sheet, True)[1] == 0.4
+    assert plan(*sheet, True)[0][0] < 0.6 * plan(*sheet)[0][0]
+    assert plan(*sheet, True)[0][1] < 0.3 * plan(*sheet)[0][1]
+    few, more = (plan([0.05, 0.1], [1.0, 1.5], True, a)[0][0] for a in (1e-2, 1e-4))
     assert more > 1.8 * few
     _, (layer,) = prepared(ur.Dielectric(ior=1.5, alpha=0.1), counts=(32, 16))
     assert layer.error < 1e-3 < prepared(ur.Dielectric(ior=1.5, alpha=0.1), counts=(8, 6))[1][0].error

@@ -21,7 +21,7 @@ from .layers import Layer, MediumLayer, SmoothLayer, TurnedOver, numbers
 from .media import METHODS, Method
 from .mixture import parts
 from .phase import MOST_TERMS, Phase, series, terms
-from .resolution import panel_counts, squeeze
+from .resolution import plan
 
 #: nodes in a panel for a medium of g = 0.5, fewest, and most to begin with
 HALF, FEWEST, MOST = 15, 10, 160
@@ -66,11 +66,12 @@ def counts(
         for interface in stack.interfaces
     ]
     said = alphas, indices(stack), stack.opaque, accuracy, not complete and direct_is_certain(stack)
-    found = np.array(panel_counts(*said), float)
+    planned, squeeze = plan(*said)
+    found = np.array(planned, float)
     for part in (part for phase in phases for part in parts(phase)):
         mean = abs(float(part.moments(2)[1]))
         found = np.maximum(found, max(HALF * (0.5 / max(1 - mean, 0.03)) ** 0.75, FEWEST))
-    return [int(np.ceil(min(n, MOST))) for n in found], squeeze(*said)
+    return [int(np.ceil(min(n, MOST))) for n in found], squeeze
 
 
 def phase_functions(stack: Stack) -> list[Phase]:

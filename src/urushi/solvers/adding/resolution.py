@@ -45,33 +45,6 @@ def narrowest(
     return min(found, default=None)
 
 
-def panel_counts(
-    alphas: Sequence[float | None],
-    indices: Sequence[float],
-    opaque: bool,
-    accuracy: float,
-    through: bool = False,
-) -> list[int]:
-    """Nodes per panel for this accuracy, relative to the peak; one panel for every different index.
-
-    Args:
-        alphas, indices, opaque, through: as for `narrowest`.
-        accuracy: in (0, 1).
-    """
-    return _plan(alphas, indices, opaque, accuracy, through)[0]
-
-
-def squeeze(
-    alphas: Sequence[float | None],
-    indices: Sequence[float],
-    opaque: bool,
-    accuracy: float,
-    through: bool = False,
-) -> float:
-    """The `squeeze` of the first panel that goes with `panel_counts`."""
-    return _plan(alphas, indices, opaque, accuracy, through)[1]
-
-
 def _lobes(
     alphas: Sequence[float | None], indices: Sequence[float], opaque: bool, through: bool
 ) -> tuple[float | None, float | None]:
@@ -102,10 +75,19 @@ def _lobes(
     )
 
 
-def _plan(
-    alphas: Sequence[float | None], indices: Sequence[float], opaque: bool, accuracy: float, through: bool
+def plan(
+    alphas: Sequence[float | None],
+    indices: Sequence[float],
+    opaque: bool,
+    accuracy: float,
+    through: bool = False,
 ) -> tuple[list[int], float]:
-    """What `panel_counts` and `squeeze` tell."""
+    """Nodes per panel for this accuracy, relative to the peak, and the `squeeze` of the first panel.
+
+    Args:
+        alphas, indices, opaque, through: as for `narrowest`; every different index has one panel.
+        accuracy: in (0, 1).
+    """
     reflected, passed = _lobes(alphas, indices, opaque, through)
     fewest = FEWEST if any(alpha is None or alpha > 0 for alpha in alphas) else SMOOTH
     digits = np.log(1 / accuracy)
