@@ -18,11 +18,13 @@ from dataclasses import dataclass
 from itertools import pairwise
 from typing import Any
 
+import drjit as dr
+
 from ..interfaces import INTERFACES, Interface, Null, key
 from ..interfaces.given import Given
 from ..interfaces.tilted import Tilted
 from ..media import MEDIA, BoundMedium
-from ..optics.vectors import Array
+from ..optics.vectors import Array, Vector
 
 #: chance to go on after a turn through the stack that met nothing but smooth interfaces, where light may be trapped
 CALM = 1 - 2.0**-6
@@ -53,6 +55,13 @@ class BoundStack:
     def regions(self) -> range:
         """The regions between two interfaces."""
         return range(1, len(self.interfaces))
+
+    def scale(self, wi: Vector, wo: Vector) -> Array:
+        """The factor of radiance: (n_wi / n_wo)^2 where wi and wo lie on different sides, else 1."""
+        if self.opaque:
+            return 1.0
+        ratio = dr.square(self.indices[0] / self.indices[-1])
+        return dr.select(wi.z * wo.z > 0, 1.0, dr.select(wi.z > 0, ratio, dr.rcp(ratio)))
 
     @property
     def traps(self) -> bool:

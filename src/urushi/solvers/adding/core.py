@@ -209,11 +209,8 @@ class AddingCore:
     # --- values ------------------------------------------------------------------------------------------------
 
     def scale(self, wi: Vector, wo: Vector) -> Array:
-        """The factor of radiance: (n_wi / n_wo)^2 where wi and wo lie on different sides, else 1."""
-        if self.stack.opaque or not self.radiance:
-            return 1.0
-        ratio = dr.square(self.stack.indices[0] / self.stack.indices[-1])
-        return dr.select(wi.z * wo.z > 0, 1.0, dr.select(wi.z > 0, ratio, dr.rcp(ratio)))
+        """What turns flux into what was asked for: `BoundStack.scale` for radiance, 1 for importance."""
+        return self.stack.scale(wi, wo) if self.radiance else 1.0
 
     def eval(self, wi: Vector, wo: Vector) -> Array:
         """f |cos wo| without the delta parts."""
