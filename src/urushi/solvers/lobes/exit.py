@@ -21,6 +21,7 @@ from . import slopes
 from .matte import Matte, clear
 from .medium import Particles
 from .operators import GRAZING, Boundary, leaning
+from .quadrature import gauss
 
 if TYPE_CHECKING:
     from .core import Found, LobesCore
@@ -155,10 +156,4 @@ def _direction(like: Vector, cos: float) -> Vector:
     return type(like)(sin, sin, cos)
 
 
-def _rule(count: int) -> tuple[tuple[float, float], ...]:
-    x, weight = np.polynomial.legendre.leggauss(count)
-    x, weight = 0.5 * (x + 1), 0.5 * weight
-    return tuple((float(a), float(b)) for a, b in zip(x, weight * 2 * x, strict=True))
-
-
-_RULE = _rule(NODES)
+_RULE = tuple((c, 2 * c * weight) for c, weight in gauss(NODES))

@@ -25,6 +25,7 @@ from ...optics.vectors import Array, at_least, at_most, channels, mean
 from .flow import Flow
 from .grid import Grid
 from .moments import COUNT, Mixing, Moments, of_powers, polynomials
+from .quadrature import gauss
 from .settled import settled
 from .width import OURS, PUBLISHED
 
@@ -171,10 +172,4 @@ def _means(depth: Array, powers: Sequence[int] = range(2 * COUNT - 1)) -> list[A
     return found
 
 
-def _gauss(count: int) -> tuple[tuple[float, float], ...]:
-    x, weight = np.polynomial.legendre.leggauss(count)
-    x, weight = 0.5 * (x + 1), 0.5 * weight
-    return tuple((float(a) ** 2, float(b)) for a, b in zip(x, weight * 2 * x, strict=True))
-
-
-_GAUSS = _gauss(8)
+_GAUSS = gauss(8, 2)

@@ -16,7 +16,6 @@ from __future__ import annotations
 from typing import Any
 
 import drjit as dr
-import numpy as np
 
 from ...interfaces import BoundConductor, BoundDielectric, BoundDiffuse, Interface, Null, RoughDiffuse
 from ...interfaces.base import Frame
@@ -25,6 +24,7 @@ from ...optics.vectors import Array, Vector, at_least, negate, root
 from . import mixing, tables
 from .matte import Matte
 from .moments import EVEN, Mixing, Moments
+from .quadrature import gauss
 from .settled import settled
 from .width import OURS, Scale, Width, mean_roughness, of_interface
 
@@ -313,10 +313,4 @@ def even_fresnel(eta: Array) -> Array:
     return dr.select(eta >= 1, outside, 1 - (1 - outside) / dr.square(n))
 
 
-def _gauss(count: int) -> tuple[tuple[float, float], ...]:
-    x, weight = np.polynomial.legendre.leggauss(count)
-    x, weight = 0.5 * (x + 1), 0.5 * weight
-    return tuple((float(a) ** 2, float(b)) for a, b in zip(x, weight * 4 * x**3, strict=True))
-
-
-_GAUSS = _gauss(12)
+_GAUSS = tuple((c, 2 * c * weight) for c, weight in gauss(12, 2))
