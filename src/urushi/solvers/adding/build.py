@@ -8,7 +8,7 @@ import numpy as np
 
 from urushi.stack import GradedMedium, Stack
 
-from ...interfaces import Null
+from ...interfaces import Interface, Null
 from ...media import MEDIA, BoundGraded
 from ..bound import BoundStack, bind
 from ..direct import direct_is_certain
@@ -119,9 +119,6 @@ def layers(
         if isinstance(interface, Null):
             found.append(None)
             continue
-        if interface.delta is True:
-            found.append(SmoothLayer(interface, grid, k))
-            continue
         # What comes back through it from a base that is no mirror has the orders of what is below alone.
         alone = k == 0 and stack.opaque and bool(found) and stack.interfaces[-1].delta is not True
         few = alone and not complete and direct_is_certain(stack)
@@ -129,9 +126,17 @@ def layers(
         again = None if few else _met(stack, grid, k, rough)
         # Nodes close together towards the normal are there for lobes, which take all orders.
         every = complete or grid.panels[0].squeeze != 1
-        rough[k] = again or RoughLayer(interface, grid, k, tolerance, most=most, every=every)
-        found.append(rough[k])
+        found.append(again or interface_layer(interface, grid, k, tolerance, most=most, every=every))
+        if isinstance(found[-1], RoughLayer):
+            rough[k] = found[-1]
     return found[::-1]
+
+
+def interface_layer(interface: Interface, grid: Grid, k: int, tolerance: float, **options: Any) -> Layer:
+    """An interface below region k, with `RoughLayer`'s options if it is rough."""
+    if interface.delta is True:
+        return SmoothLayer(interface, grid, k)
+    return RoughLayer(interface, grid, k, tolerance, **options)
 
 
 def _met(stack: BoundStack, grid: Grid, k: int, rough: dict[int, Layer]) -> Layer | None:

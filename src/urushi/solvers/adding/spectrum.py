@@ -24,8 +24,7 @@ from ..ledger import owners
 from ..numbers import as_numbers, described, is_vector, replaced
 from . import build
 from .basis import Grid
-from .interfaces import RoughLayer
-from .layers import Layer, SmoothLayer, numbers
+from .layers import Layer, numbers
 from .operator import Operator
 from .phase import Phase
 
@@ -143,7 +142,9 @@ class Bound:
             place = k + sum(medium is not None for medium in self.whole.media[1 : k + 1])
             first = found[place]
             assert first is not None
-            others = [_interface(bound, grid, k, tolerance) for bound in self.thirds[1:]]
+            others = [
+                build.interface_layer(bound.interfaces[k], grid, k, tolerance) for bound in self.thirds[1:]
+            ]
             found[place] = Beside([first, *others], self.channels)
         return found
 
@@ -200,12 +201,3 @@ def _medium(thirds: Sequence[Any], channels: int) -> Any:
         setattr(found, name, np.concatenate(values)[:channels])
     found.scatters = any(medium.scatters for medium in thirds)
     return found
-
-
-def _interface(bound: BoundStack, grid: Grid, k: int, tolerance: float) -> Layer:
-    interface = bound.interfaces[k]
-    return (
-        SmoothLayer(interface, grid, k)
-        if interface.delta is True
-        else RoughLayer(interface, grid, k, tolerance)
-    )
