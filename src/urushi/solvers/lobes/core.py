@@ -10,13 +10,13 @@ import drjit as dr
 from ...optics.vectors import Array, Vector, at_least, at_most, mean
 from ..bound import BoundStack
 from ..direct import direct, direct_is_certain
+from ..mixture import Mixture
 from ..smooth import has_delta, smooth_energy, straight
 from ..tilt import ways
 from . import slopes
 from . import width as widths
 from .exit import Exit
 from .lobe import NARROWEST, Lobe
-from .mixture import Mixture
 from .moments import is_zero
 from .recursion import Answer, Beam, respond
 from .through import turned as turned_by

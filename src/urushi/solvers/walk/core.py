@@ -122,13 +122,13 @@ class WalkCore:
     def sample(self, wi: Vector, u: Vector) -> tuple[Vector, Array, Array, Any]:
         """(wo, density or probability, what a delta part carries in flux, mask of delta lanes)."""
         still = self.stack.still or self.stack
-        proposal = propose(still, wi)
-        wo, probability, carried, delta = proposal.sample(wi, u)
-        if still.tilted and proposal.mirror_share is not None:
+        mixture = propose(still, wi)
+        wo, probability, carried, delta = mixture.sample(wi, u)
+        if still.tilted and mixture.mirror is not None:
             # Where smooth interfaces are not parallel, the delta parts have no closed form.
             rng = generator(wi, [*wi, *u], 0, 0)
             sharp, flux = follow(still, wi, rng, self.spectrum)
             wo = dr.select(delta, sharp, wo)
-            probability = dr.select(delta, proposal.mirror_share + proposal.straight_share, 0)
+            probability = dr.select(delta, mixture.mirror + mixture.straight, 0)
             carried = dr.select(delta, flux, 0)
-        return wo, dr.select(delta, probability, proposal.pdf(wo)), carried, delta
+        return wo, dr.select(delta, probability, mixture.pdf(wo)), carried, delta

@@ -4,7 +4,7 @@ What a walk samples has no closed density, and a renderer that weighs it against
 direction is drawn from lobes that cover whatever the stack can do (one reflection lobe an interface, one transmitted
 lobe, a cosine lobe on each side, and the delta parts), and the walk then says what that direction is worth. The
 guess behind the lobes (energies by a single pass through the stack, widths by adding variances of slope, after Belcour
-2018) decides the noise only, never the mean. A lobe (`solvers.facet_lobe`) is the reflection of a GGX surface.
+2018) decides the noise only, never the mean. The mixture itself is `solvers.mixture`.
 """
 
 from __future__ import annotations
@@ -20,6 +20,7 @@ from ...optics.microfacet import Microfacets
 from ...optics.vectors import Array, Vector, at_least, at_most, mean
 from ..bound import BoundStack
 from ..facet_lobe import Lobe
+from ..mixture import Mixture
 from ..smooth import cosines, has_delta, smooth_energy, snell, straight
 from ..tilt import ways
 
@@ -31,68 +32,15 @@ MOST = 4
 NARROW, WIDE = 1e-3, 1.0
 
 
-@dataclass
-class Proposal:
-    """The mixture for one wi.
-
-    Attributes:
-        lobes: see `Lobe`; the shares and the two below sum to one.
-        mirror_share, straight_share: probability of the delta parts, reflected and transmitted (None: there are none).
-        reflected, transmitted: what the delta parts carry.
-        straight: direction of the transmitted delta part.
-    """
-
-    lobes: list[Lobe]
-    mirror_share: Array | None
-    straight_share: Array | None
-    reflected: Array
-    transmitted: Array
-    straight: Vector | None
-
-    def pdf(self, wo: Vector) -> Array:
-        """Density per solid angle of everything but the delta parts."""
-        density = 0 * wo.x
-        for lobe in self.lobes:
-            here = wo.z > 0 if lobe.up else wo.z < 0
-            density = density + dr.select(here, lobe.share * lobe.pdf(wo), 0)
-        return density
-
-    def sample(self, wi: Vector, u: Vector) -> tuple[Vector, Array, Array, Any]:
-        """(wo, probability of the delta part chosen, what it carries, mask of delta lanes)."""
-        wo, below = type(wi)(0, 0, 0), 0 * wi.x
-        for lobe in self.lobes:
-            wo = dr.select(u.x >= below, lobe.sample(wi, u.y, u.z), wo)
-            below = below + lobe.share
-        if self.mirror_share is None or self.straight_share is None or self.straight is None:
-            return wo, 0 * wi.x, 0 * wi.x, False
-        first = below
-        mirrored = (u.x >= first) & (self.mirror_share > 0)
-        wo = dr.select(mirrored, type(wi)(-wi.x, -wi.y, wi.z), wo)
-        probability, carried = (
-            dr.select(mirrored, self.mirror_share, 0),
-            dr.select(mirrored, self.reflected, 0),
-        )
-        straight = (u.x >= first + self.mirror_share) & (self.straight_share > 0)
-        wo = dr.select(straight, self.straight, wo)
-        probability = dr.select(straight, self.straight_share, probability)
-        return wo, probability, dr.select(straight, self.transmitted, carried), mirrored | straight
-
-
-def propose(stack: BoundStack, wi: Vector) -> Proposal:
+def propose(stack: BoundStack, wi: Vector) -> Mixture:
     """The mixture for light that comes from wi, on either side."""
     guess = _guess(stack, wi, above=True)
     if not stack.opaque:
         guess = _merge(guess, _guess(stack, wi, above=False), wi.z > 0)
-    reflected, transmitted = smooth_energy(stack, wi) if has_delta(stack) else (0 * wi.x, 0 * wi.x)
-    mirror_weight, straight_weight = mean(reflected), mean(transmitted)
-    whole = mirror_weight + straight_weight + guess.near + guess.far
     axes, through = _tilted(stack, wi) if stack.tilted else ({}, guess.axis)
     rough = _few([(*lobe, axes.get(k)) for k, lobe in guess.rough.items()], stack.opaque)
-    for energy, *_ in rough:
-        whole = whole + energy
-    whole = dr.rcp(at_least(whole + guess.through, 1e-20))
     side_up = wi.z > 0
-    lobes: list[Lobe] = []
+    parts: list[tuple[Array, Lobe]] = []
     # Kept off the horizon, so that no half-way vector vanishes.
     axis = type(wi)(wi.x, wi.y, at_least(dr.abs(wi.z), 1e-6))
     sides = (True,) if stack.opaque else (True, False)
@@ -102,16 +50,14 @@ def propose(stack: BoundStack, wi: Vector) -> Proposal:
         for energy, alpha_x, alpha_y, frame, own in rough:
             facets = Microfacets(alpha_x, alpha_y, "ggx", "separable")
             seen = axis if own is None else own
-            lobes.append(Lobe(dr.select(near, energy * whole, 0), up, seen, facets, frame))
+            parts.append((dr.select(near, energy, 0), Lobe(0.0, up, seen, facets, frame)))
         if not stack.opaque and through is not None:
             facets = Microfacets(guess.alpha_through, guess.alpha_through, "ggx", "separable")
-            lobes.append(Lobe(dr.select(near, 0, guess.through * whole), up, through, facets, Frame(0.0)))
-        lobes.append(Lobe(dr.select(near, guess.near, guess.far) * whole, up))
-    if not has_delta(stack):
-        return Proposal(lobes, None, None, 0 * wi.x, 0 * wi.x, None)
-    return Proposal(
-        lobes, mirror_weight * whole, straight_weight * whole, reflected, transmitted, straight(stack, wi)
-    )
+            parts.append((dr.select(near, 0, guess.through), Lobe(0.0, up, through, facets, Frame(0.0))))
+        parts.append((dr.select(near, guess.near, guess.far), Lobe(0.0, up)))
+    if has_delta(stack):
+        return Mixture.build(wi, parts, *smooth_energy(stack, wi), straight(stack, wi))
+    return Mixture.build(wi, parts, None, None, None)
 
 
 @dataclass

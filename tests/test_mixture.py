@@ -1,6 +1,8 @@
-"""What lobes sample from: one direction, of the lobe that a lane chooses."""
+"""What lobes and the walk sample from: one direction, of the lobe that a lane chooses."""
 
 from __future__ import annotations
+
+from typing import Any
 
 import numpy as np
 import pytest
@@ -14,6 +16,9 @@ if LLVM is not None:
     from drjit.llvm.ad import Array3f, Float
 
     from urushi.solvers.lobes.result import LobesBSDF
+    from urushi.solvers.mixture import Mixture
+    from urushi.solvers.walk.proposal import propose
+    from urushi.solvers.walk.result import WalkBSDF
 
 pytestmark = needs_llvm
 
@@ -28,14 +33,23 @@ STACKS = {
 }
 
 
+def of_lobes(stack: ur.Stack, wi: Array3f) -> Mixture:
+    bsdf = LobesBSDF(stack)
+    return bsdf._quick_core(bsdf._module, False).mixture(wi)
+
+
+def of_walk(stack: ur.Stack, wi: Array3f) -> Mixture:
+    bsdf = WalkBSDF(stack)
+    return propose(bsdf._core(bsdf._module)[0].stack, wi)
+
+
+@pytest.mark.parametrize("mixture_of", [of_lobes, of_walk])
 @pytest.mark.parametrize("name", list(STACKS))
-def test_every_lobe_is_sampled_as_by_itself(name: str, rng: np.random.Generator) -> None:
-    bsdf = LobesBSDF(ur.Stack(layers=STACKS[name]))
-    core = bsdf._quick_core(bsdf._module, False)
+def test_every_lobe_is_sampled_as_by_itself(name: str, mixture_of: Any, rng: np.random.Generator) -> None:
     wi = Array3f(0.5, -0.3, 0.66**0.5)
     count = 64
     v, w = (Float(rng.random(count).astype(np.float32)) for _ in range(2))
-    mixture = core.mixture(wi)
+    mixture = mixture_of(ur.Stack(layers=STACKS[name]), wi)
     shares = [float(np.ravel(np.array(lobe.share))[0]) for lobe in mixture.lobes]
     ends = np.cumsum([0.0, *shares])
     for lobe, share, start in zip(mixture.lobes, shares, ends, strict=False):
@@ -47,9 +61,11 @@ def test_every_lobe_is_sampled_as_by_itself(name: str, rng: np.random.Generator)
     assert sum(share > 1e-4 for share in shares) >= 3 or name == "smooth coat"
 
 
+@pytest.mark.parametrize("method", ["lobes", "walk"])
 @pytest.mark.parametrize("backend", ["llvm", "scalar"])
-def test_nothing_is_sampled_where_no_light_goes(backend: str) -> None:
-    bsdf = LobesBSDF(ur.Stack(layers=STACKS["brushed"]), backend=backend)
+def test_nothing_is_sampled_where_no_light_goes(backend: str, method: str) -> None:
+    bsdf = ur.solve(ur.Stack(layers=STACKS["brushed"]), method=method, backend=backend)
     sample = bsdf.sample([[0.6, 0.0, -0.8]], [[0.5, 0.5, 0.5]])
     assert sample.pdf[0] == 0
-    np.testing.assert_array_equal(sample.wo, 0)
+    np.testing.assert_array_equal(sample.weight, 0)
+    np.testing.assert_allclose(np.linalg.norm(sample.wo, axis=1), 1, atol=1e-6)

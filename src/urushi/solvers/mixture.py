@@ -1,4 +1,4 @@
-"""Where to send samples: to every lobe as often as it has energy."""
+"""Where to send samples: to every lobe as often as it has energy, a mixture whose density is known exactly."""
 
 from __future__ import annotations
 
@@ -7,10 +7,10 @@ from typing import Any
 
 import drjit as dr
 
-from ...interfaces.base import Frame
-from ...optics.microfacet import Microfacets
-from ...optics.vectors import Array, Vector, at_least, mean
-from ..facet_lobe import Lobe
+from ..interfaces.base import Frame
+from ..optics.microfacet import Microfacets
+from ..optics.vectors import Array, Vector, at_least, mean
+from .facet_lobe import Lobe
 
 
 @dataclass
@@ -65,13 +65,13 @@ class Mixture:
         wo = chosen.sample(wi, u.y, u.z)
         if self.mirror is None or self.straight is None:
             return wo, 0 * wi.x, 0 * wi.x, False
-        mirrored = (u.x >= below) & (self.mirror > 0)
-        wo = dr.select(mirrored, type(wi)(-wi.x, -wi.y, wi.z), wo)
+        reflected = (u.x >= below) & (self.mirror > 0)
+        wo = dr.select(reflected, mirrored(wi), wo)
         onward = (u.x >= below + self.mirror) & (self.straight > 0)
         wo = dr.select(onward, self.onward, wo)
-        probability = dr.select(onward, self.straight, dr.select(mirrored, self.mirror, 0))
-        carried = dr.select(onward, self.transmitted, dr.select(mirrored, self.reflected, 0))
-        return wo, probability, carried, mirrored | onward
+        probability = dr.select(onward, self.straight, dr.select(reflected, self.mirror, 0))
+        carried = dr.select(onward, self.transmitted, dr.select(reflected, self.reflected, 0))
+        return wo, probability, carried, reflected | onward
 
 
 class Chosen:
@@ -100,18 +100,18 @@ class Chosen:
         alphas = lobe.facets.alpha_x, lobe.facets.alpha_y
         turn = (lobe.frame.sin, lobe.frame.cos) if lobe.frame.turned else (0.0, 1.0)
         self._turned = self._turned or lobe.frame.turned
+        # A lane's own, of the first one too: a sum with 0 or a product with 1 is the variable of the interface itself.
+        sin, cos = (dr.select(mask, new, old) for new, old in zip(turn, self._turn, strict=True))
+        self._turn = sin, cos
         if self._axis is None:
             self._axis, self._alphas = lobe.axis, alphas
-            self._turn = turn[0] + self._turn[0], turn[1] * self._turn[1]
             return
         self._axis = dr.select(mask, lobe.axis, self._axis)
         x, y = (dr.select(mask, new, old) for new, old in zip(alphas, self._alphas, strict=True))
         self._alphas = x, y
-        sin, cos = (dr.select(mask, new, old) for new, old in zip(turn, self._turn, strict=True))
-        self._turn = sin, cos
 
     def sample(self, wi: Vector, u1: Array, u2: Array) -> Vector:
-        """A direction; none at all (all components 0) where nothing was chosen."""
+        """A direction; the mirror direction, which then has density 0, where nothing was chosen."""
         o = Lobe(0.0, True).sample(wi, u1, u2)
         if self._axis is not None:
             frame = Frame(0.0)
@@ -119,4 +119,9 @@ class Chosen:
             frame.sin, frame.cos = self._turn
             facets = Microfacets(*self._alphas, "ggx", "separable")
             o = dr.select(self._even, o, Lobe(0.0, True, self._axis, facets, frame).sample(wi, u1, u2))
-        return dr.select(self._any, type(wi)(o.x, o.y, dr.select(self._up, o.z, -o.z)), type(wi)(0, 0, 0))
+        return dr.select(self._any, type(wi)(o.x, o.y, dr.select(self._up, o.z, -o.z)), mirrored(wi))
+
+
+def mirrored(wi: Vector) -> Vector:
+    """The mirror direction, on the side of wi."""
+    return type(wi)(-wi.x, -wi.y, wi.z)
