@@ -1,4 +1,8 @@
-"""How long it takes to begin: `import urushi`, and `urushi render` on a machine that has never run it."""
+"""How long it takes to begin: `import urushi`, `urushi render` on a machine that has never run it, and lobes.
+
+What lobes have no closed form for is solved and tabulated as a stack is made or a number changed: `first_value` is from
+`ur.solve` to the first value of a stack with another number, its code compiled.
+"""
 
 from __future__ import annotations
 
@@ -39,7 +43,29 @@ def measure(quick: bool) -> dict[str, Any]:
         "import": float(np.median(imports)),
         "first_pass_cold": float(np.median([cold for cold, _ in runs])),
         "first_pass_warm": float(np.median([warm for _, warm in runs])),
+        "first_value": {name: _first_value(stack, rounds + 4) for name, stack in _stacks().items()},
     }
+
+
+def _stacks() -> dict[str, Any]:
+    """Those that `lobes` measures, and one whose interfaces are not alike in all azimuths."""
+    import lobes
+    import urushi as ur
+
+    return {**lobes.stacks(), "brushed metal, lacquered": ur.load("preset:brushed-metal-lacquer")}
+
+
+def _first_value(stack: Any, rounds: int) -> float:
+    """Seconds from the description to a value by lobes, of stacks that differ in a number; the median."""
+    import urushi as ur
+
+    taken, index = [], stack.layers[0].ior
+    for k in range(rounds + 1):
+        other = stack.replace({"layer_0.ior": index + 1e-3 * k})
+        start = time.perf_counter()
+        ur.solve(other, method="lobes").eval([0.6, 0.0, 0.8], [-0.5, 0.0, 0.75**0.5])
+        taken.append(time.perf_counter() - start)
+    return float(np.median(taken[1:]))  # the first compiles
 
 
 def _python(code: str) -> subprocess.CompletedProcess[str]:
@@ -74,4 +100,5 @@ def table(found: dict[str, Any]) -> list[str]:
         f"| `urushi render preset:enamel-on-gold`, to the first pass, Dr.Jit's cache empty | "
         f"{found['first_pass_cold']:.1f} (goal {GOAL:g}, {met}) |",
         f"| the same once more | {found['first_pass_warm']:.1f} |",
+        *(f"| lobes, to the first value: {name} | {x:.1g} |" for name, x in found["first_value"].items()),
     ]

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import sys
+import time
 from pathlib import Path
 
 import pytest
@@ -36,6 +37,16 @@ def test_the_committed_page_belongs_to_the_committed_results(run):
     results = json.loads((FOLDER / "results.json").read_text("utf-8"))
     assert set(results) - {"machine", "note", "efficiency"} <= set(run.PARTS)
     assert run.page(results) == (FOLDER / "README.md").read_text("utf-8")
+
+
+def test_the_first_value_of_lobes_is_timed_once_it_is_compiled(run, mi):
+    import start
+
+    begun = time.perf_counter()
+    found = start._first_value(start._stacks()["coat on metal"], 3)
+    assert 0.0 < 2 * found < time.perf_counter() - begun  # of three, the median, and the one that compiles
+    named = {"first_value": {"a name": found}, "first_pass_cold": 1.0, "first_pass_warm": 1.0, "import": 0.1}
+    assert start.table(named)[-1] == f"| lobes, to the first value: a name | {found:.1g} |"
 
 
 def test_each_benchmark_is_a_small_file():

@@ -57,6 +57,7 @@ def methods() -> str:
     far = {name: one["lobes"] for name, one in _validation()["presets"].items() if "lobes" in one}
     worst = max(far, key=lambda name: far[name])
     noise = found["noise"]["cases"]
+    first = found["start"]["first_value"].values()
     lines = ["| | `walk` | `adding` | `lobes` |", "|---|---|---|---|"]
     lines.append(
         f"| error | noise only: a sample at 30° is off by {100 * noise['a']['noise'][1]:.0f} % (coated diffuse) to "
@@ -66,7 +67,7 @@ def methods() -> str:
     lines.append("| does it know its error? | yes: `with_error=True` | yes: `diagnostics` | no |")
     lines.append(
         f"| before the first value | nothing is solved | {min(seconds):.1g} to {max(seconds):.1f} s; sharp lobes "
-        f"{sharp:.0f} s | a table over the angle: 0.01 to 0.2 s |"
+        f"{sharp:.0f} s | {min(first):.1g} to {max(first):.1g} s |"
     )
     walk = ", ".join(
         f"{cost[case]['ns']:.0f} ns {what}"
