@@ -212,7 +212,8 @@ def test_a_sample_of_what_goes_back_and_forth_is_made_anew(tool: Tool) -> None:
 
 def test_a_sample_of_what_layers_make_of_diffuse_light_is_made_anew(tool: Tool) -> None:
     lobe_mixing = tool("lobe_mixing")
-    from urushi.solvers.lobes import axes, tables
+    from urushi.solvers.lobes import axes, mixing, tables
+    from urushi.solvers.lobes.moments import EVEN
 
     data = Path(tables.__file__).parent / "data"
     with np.load(data / "mixing.npz") as file:
@@ -225,14 +226,59 @@ def test_a_sample_of_what_layers_make_of_diffuse_light_is_made_anew(tool: Tool) 
         backs = file["backs"][1, 3, 2, 3] * tables.STEP
     eta = 1 / float(axes.ratios(axes.BACK_INDICES)[3])
     alphas, widths = axes.squares(axes.BACK_ROUGHNESSES)[2:3], axes.squares(axes.BACK_WIDTHS)[3:4]
-    made = lobe_mixing.back(eta, alphas, widths, axes.cosines(eta, axes.BACK_ENTRIES))
+    cos = axes.cosines(eta, axes.BACK_ENTRIES)
+    made = lobe_mixing.back(eta, alphas, widths, cos)
     np.testing.assert_allclose(backs, made[0, 0], atol=1e-3)
+    looked_up = mixing.backs(type(_lane(0))(cos), *(_lane(x) for x in (eta, alphas[0], widths[0])))
+    np.testing.assert_allclose(np.array(looked_up.parts[1:]).T, made[0, 0], atol=2e-3)
+    assert np.abs(made[0, 0] - EVEN[1:]).max() > 0.1  # it is not even light
     g, albedo, depth = 9, 4, 8
     made = lobe_mixing.slabs(range(g, g + 1), range(albedo, albedo + 1))
     with np.load(data / "slabs.npz") as file:
         for name, values in made.items():
             np.testing.assert_allclose(
                 file[name][g, albedo, depth] * tables.STEP, values[0, 0, depth], atol=1e-3
+            )
+
+
+def _mixing_of(reflectance: float, transmittance: float):
+    """The mixings of a layer that sends even light out evenly, and reflects more of what comes near the horizon."""
+    from urushi.solvers.lobes.moments import EVEN, Mixing
+
+    return [
+        Mixing([[part * even, slope * even, 0.0, 0.0] for even in EVEN])
+        for part, slope in ((reflectance, -0.1), (transmittance, 0.05))
+    ]
+
+
+def test_what_a_layer_loses_is_given_back_as_it_reflects_and_transmits() -> None:
+    from urushi.solvers.lobes.moments import EVEN, Moments
+
+    r, t = _mixing_of(0.2, 0.6)
+    one, two = r.completed(t)
+    for light in (Moments(*EVEN), Moments(1.0, 0.5, 0.1, -0.2)):
+        before, after = ([(m * light).parts for m in pair] for pair in ((r, t), (one, two)))
+        assert after[0][0] + after[1][0] == pytest.approx(1)
+        gained = [a[0] - b[0] for a, b in zip(after, before, strict=True)]
+        assert gained[1] == pytest.approx(3 * gained[0])  # 0.6 : 0.2
+        np.testing.assert_allclose(after[0], np.array(EVEN) * after[0][0])  # evenly
+
+
+@pytest.mark.parametrize("distribution", ["ggx", "beckmann"])
+@pytest.mark.parametrize("masking", ["correlated", "separable"])
+def test_every_kind_of_facets_makes_of_even_light_what_its_own_table_says(
+    distribution: str, masking: str
+) -> None:
+    from urushi.solvers.lobes import mixing, tables
+    from urushi.solvers.lobes.moments import EVEN, Moments
+
+    kind, alpha, zero = (distribution, masking), _lane(0.8), _lane(0.0)
+    for eta in (1.5, 1 / 1.5):
+        mixed = mixing.dielectric(kind, _lane(eta), alpha, False, zero)
+        told = tables.dielectric_diffuse(kind, _lane(eta), alpha, zero)
+        for found, truth in zip(mixed, told, strict=True):
+            assert np.array((found * Moments(*EVEN)).parts[0])[0] == pytest.approx(
+                np.array(truth)[0], abs=3e-3
             )
 
 

@@ -22,7 +22,7 @@ from ...optics.vectors import Array, Vector, at_least, channels
 from ..arrays import padded
 from . import rows
 from .kernels import values as plain
-from .lobe import NARROWEST, Lobe
+from .lobe import Lobe
 
 if TYPE_CHECKING:
     from .core import Found, LobesCore
@@ -32,8 +32,9 @@ if TYPE_CHECKING:
 CELLS = (112, 224, 448, 896)
 #: bytes that the tables of one side may take
 BYTES = 1 << 16
-#: errors allowed between rows: of energies; of roughnesses and gains, relative; of directions, in roughnesses
-LIMITS = {"energy": 2e-4, "shape": 3e-3, "bend": 1e-2}
+#: errors allowed between rows: of energies; of roughnesses and gains, relative. How far light is bent asks for no more
+#: rows: it is nearly Snell's ratio, and a hundredth of a roughness off at most but where the recursion jumps.
+LIMITS = {"energy": 2e-4, "shape": 3e-3}
 #: the share of angles at which errors may be larger: where the recursion jumps, a table has a ramp of one cell
 EDGES = 0.01
 #: the shape of a lobe with less energy may be off in inverse proportion
@@ -183,24 +184,22 @@ class Columns:
 
     def __init__(self, cos: np.ndarray, number: Any) -> None:
         # Never quite 0: what is bent is told as a ratio of sines.
-        self._sin = np.sqrt(np.maximum((1 - cos) * (1 + cos), 1e-6))
-        self.cos, self.sin = (number(padded(v, np.float32)) for v in (cos, self._sin))
+        sin = np.sqrt(np.maximum((1 - cos) * (1 + cos), 1e-6))
+        self.cos, self.sin = (number(padded(v, np.float32)) for v in (cos, sin))
         self._values: list[Array] = []
-        #: what each is ("energy", "shape", "bend"), and the columns of the energy and the roughness that go with it
-        self._kinds: list[tuple[str, list[int], list[int]]] = []
+        #: what each is, of `LIMITS` or "bend", and the columns of the energy that go with it
+        self._kinds: list[tuple[str, list[int]]] = []
 
     @property
     def count(self) -> int:
         return len(self._values)
 
-    def add(
-        self, kind: str, value: Array, energy: list[int] | None = None, alphas: list[int] | None = None
-    ) -> list[int]:
+    def add(self, kind: str, value: Array, energy: list[int] | None = None) -> list[int]:
         """Another number or colour; its columns."""
         parts = _parts(value)
         first = len(self._values)
         self._values += parts
-        self._kinds += [(kind, energy or [], alphas or [])] * len(parts)
+        self._kinds += [(kind, energy or [])] * len(parts)
         return list(range(first, first + len(parts)))
 
     def part(self, lobe: Lobe, weighed: bool = True) -> Part:
@@ -216,7 +215,7 @@ class Columns:
         elif dr.width(along) > 1:
             alphas = self.add("shape", along, energy)
         gain = self.add("shape", lobe.gains(), energy)[0] if weighed else None
-        bend = None if lobe.same else self.add("bend", lobe.axis.x / self.sin, energy, alphas[:1])[0]
+        bend = None if lobe.same else self.add("bend", lobe.axis.x / self.sin)[0]
         if not alphas:
             # One number, whatever it was computed beside: that may have given it as many lanes.
             alpha = dr.opaque(type(along), float(np.ravel(np.array(along))[0]))
@@ -237,35 +236,33 @@ class Columns:
         """The fewest cells with which interpolation is as good as `LIMITS` say; None if there are none."""
         if not all(np.isfinite(v).all() for v in values):
             return None
-        kinds = [*self._kinds, *[("shape", [], [])] * (len(values) - self.count)]
+        kinds = [*self._kinds, *[("shape", [])] * (len(values) - self.count)]
+        limited = [(values[k], *kind) for k, kind in enumerate(kinds) if kind[0] in LIMITS]
         counts = [count for count in (self.count, len(values) - self.count) if count]
         allowed = [n for n in CELLS if sum(rows.size(count, n) for count in counts) <= BYTES]
         for cells in allowed:
-            if all(np.max(self._error(cells, values, *kind, k)) <= 1 for k, kind in enumerate(kinds)):
+            if all(np.max(_error(cells, values, *one)) <= 1 for one in limited):
                 return cells
-        for k, kind in enumerate(kinds) if allowed else []:
-            error = self._error(allowed[-1], values, *kind, k)
-            if np.mean(error > 1) > EDGES:
+        for one in limited if allowed else []:
+            if np.mean(_error(allowed[-1], values, *one) > 1) > EDGES:
                 return None
         return allowed[-1] if allowed else None
 
-    def _error(
-        self, cells: int, values: list[np.ndarray], kind: str, energy: list[int], alphas: list[int], k: int
-    ) -> np.ndarray:
-        """How far interpolation is off in a column, in what is allowed."""
-        value = values[k]
-        every = (len(value) - 1) // cells
-        cell = np.minimum(np.arange(len(value)) // every, cells - 1)
-        f = np.arange(len(value)) / every - cell
-        ends = value[::every]
-        error = np.abs(ends[cell] * (1 - f) + ends[cell + 1] * f - value)
-        if kind == "bend":
-            error = error * self._sin / (values[alphas[0]] if alphas else NARROWEST)
-        elif kind == "shape":
-            error = error / np.maximum(np.abs(value), 1e-9)
-        if energy:
-            error = error * np.minimum(np.mean([values[e] for e in energy], axis=0) / FAINT, 1)
-        return np.asarray(error / LIMITS[kind])
+
+def _error(
+    cells: int, values: list[np.ndarray], value: np.ndarray, kind: str, energy: list[int]
+) -> np.ndarray:
+    """How far interpolation is off in one of the columns, in what is allowed."""
+    every = (len(value) - 1) // cells
+    cell = np.minimum(np.arange(len(value)) // every, cells - 1)
+    f = np.arange(len(value)) / every - cell
+    ends = value[::every]
+    error = np.abs(ends[cell] * (1 - f) + ends[cell + 1] * f - value)
+    if kind == "shape":
+        error = error / np.maximum(np.abs(value), 1e-9)
+    if energy:
+        error = error * np.minimum(np.mean([values[e] for e in energy], axis=0) / FAINT, 1)
+    return np.asarray(error / LIMITS[kind])
 
 
 def _empty(value: Array) -> Array:
