@@ -46,6 +46,10 @@ class UnsupportedStack(UrushiError):
         able = f"; methods that can: {', '.join(self.alternatives)}" if self.alternatives else ""
         super().__init__(f"method {method!r} cannot do this stack: {'; '.join(self.reasons)}{able}")
 
+    def __reduce__(self) -> tuple[object, ...]:
+        # The arguments of an exception are its message alone, of which a worker process could not make it again.
+        return type(self), (self.method, self.reasons, self.alternatives)
+
 
 def close(found: object, names: Iterable[str]) -> str:
     """``did you mean 'alpha'? `` for a near miss, else nothing: for a message, before what is allowed."""

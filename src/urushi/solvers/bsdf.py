@@ -7,13 +7,16 @@ are 0 in both and occur in ``sample``. Numpy arrays give numpy arrays, Dr.Jit ar
 
 from __future__ import annotations
 
+import importlib
+import pickle
+import sys
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from urushi import notebook
+from urushi import llvm, notebook
 from urushi.errors import UrushiError
 from urushi.stack import Stack
 
@@ -40,6 +43,9 @@ class Sample:
 
 class BSDF(ABC):
     """A solved stack. See the module docstring for conventions.
+
+    It can be pickled and copied deeply: it is made again of its description and options, and of what was solved by
+    adding, and has the same values; code is compiled and tables are made anew.
 
     Attributes:
         stack: the description.
@@ -88,6 +94,46 @@ class BSDF(ABC):
     def _repr_png_(self) -> bytes | None:
         """The lobe as a picture, for a notebook."""
         return notebook.picture(self)
+
+    # --- copies --------------------------------------------------------------------------------------------------
+
+    def _made_of(self) -> tuple[tuple[Any, ...], dict[str, Any]]:
+        """The arguments, without Dr.Jit arrays, that make another such BSDF.
+
+        Raises:
+            UrushiError: there are none, or derivatives would be lost.
+        """
+        raise UrushiError(
+            f"a {type(self).__name__} can be neither pickled nor copied deeply; allowed: copy.copy"
+        )
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        # In bytes of their own, since to read them may import Dr.Jit, which `made_again` has to prepare first.
+        arguments = pickle.dumps((*self._made_of(), dict(self.diagnostics)))
+        return made_again, (type(self).__module__, type(self).__name__, arguments)
+
+    def __copy__(self) -> BSDF:
+        found = object.__new__(type(self))
+        found.__dict__.update(self.__dict__)
+        return found
+
+
+def made_again(module: str, name: str, arguments: bytes) -> BSDF:
+    """A BSDF of what was pickled of one, in a process that may be another.
+
+    Args:
+        module, name: its class.
+        arguments: pickled: its arguments, those with names, and its diagnostics, of which the new one gets what it
+            does not say itself.
+    """
+    if "drjit" not in sys.modules:
+        llvm.prepare()  # before Dr.Jit takes the first LLVM it finds
+    kind = getattr(importlib.import_module(module), name)
+    parts, options, diagnostics = pickle.loads(arguments)
+    found: BSDF = kind(*parts, **options)
+    for key, value in diagnostics.items():
+        found.diagnostics.setdefault(key, value)
+    return found
 
 
 def directions(value: Any, name: str) -> np.ndarray:

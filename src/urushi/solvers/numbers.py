@@ -14,7 +14,7 @@ import drjit as dr
 import numpy as np
 
 from urushi.description.parameter import Parameter
-from urushi.errors import MaterialError, UnsupportedStack
+from urushi.errors import MaterialError, UnsupportedStack, UrushiError
 from urushi.optics.ior import conductor_rgb
 from urushi.stack import Stack, Texture
 
@@ -142,6 +142,25 @@ def gather_numbers(
         colour = colour and not is_vector(name)
         coloured = coloured or colour
     return Numbers(values, fixed, lanes, coloured)
+
+
+def as_arrays(given: Mapping[str, Any]) -> dict[str, Any]:
+    """The same values, those in Dr.Jit arrays as numpy arrays (N, 1), (N, 2) or (N, 3).
+
+    Raises:
+        UrushiError: derivatives are wanted in one, which a numpy array does not have.
+    """
+    found = dict(given)
+    for name, value in given.items():
+        if dr.is_array_v(value):
+            if dr.grad_enabled(value):
+                raise UrushiError(
+                    f"{name}: found a Dr.Jit array with derivatives, which a copy would not have; allowed: "
+                    "drjit.detach(...) of it"
+                )
+            array = np.array(value, dtype=np.float64)
+            found[name] = array[:, None] if dr.size_v(value) == dr.Dynamic else np.atleast_2d(array.T)
+    return found
 
 
 def replaced(stack: Stack, given: Mapping[str, Any]) -> Stack:

@@ -75,6 +75,7 @@ class ChannelsBSDF(BSDF):
             )
         self.spectrum, self.solution, self.channels = spectrum, solution, solution.colours
         self.stack: Stack = spectrum.stack
+        self._options = options
         self.parameters = dict(spectrum.parameters)
         thirds = [
             np.minimum(np.arange(THREE) + THREE * k, self.channels - 1) for k in range(len(spectrum.stacks))
@@ -88,6 +89,9 @@ class ChannelsBSDF(BSDF):
         self.diagnostics = _Diagnostics(
             {**solution.diagnostics, **same, "channels": self.channels}, self.parts
         )
+
+    def _made_of(self) -> tuple[tuple[Any, ...], dict[str, Any]]:
+        return (self.spectrum, self.solution), self._options
 
     @cached_property
     def matrices(self) -> Matrices:

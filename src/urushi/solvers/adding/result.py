@@ -140,7 +140,7 @@ class AddingBSDF(BSDF):
         choice("mode", mode, ("radiance", "importance"))
         choice("order", order, (2, 4, 6, 8))
         self.stack, self.solution, self.mode = stack, solution, mode
-        self.double = precision == "double"
+        self.backend, self.double = backend, precision == "double"
         self._module = backend_module(backend)
         llvm = self._module if self._module.__name__ == "drjit.llvm.ad" else backend_module("llvm")
         bound = self._bind(llvm, True)
@@ -302,6 +302,14 @@ class AddingBSDF(BSDF):
         return mirror, straight, (_repeated(reflected), _repeated(transmitted))
 
     # --- how it runs -------------------------------------------------------------------------------------------
+
+    def _made_of(self) -> tuple[tuple[Any, ...], dict[str, Any]]:
+        return (self.stack, self.solution), {
+            "backend": self.backend,
+            "precision": "double" if self.double else "single",
+            "mode": self.mode,
+            "order": self.prepared.order,
+        }
 
     def _expected(self) -> float:
         """The error that the solver expects."""

@@ -17,7 +17,7 @@ from ..arrays import backend_module, choice, mapped, number_type, vector_type
 from ..bound import bind
 from ..bsdf import BSDF, Sample, directions, random_numbers, same_count
 from ..ledger import Ledger, lit
-from ..numbers import gather_numbers
+from ..numbers import as_arrays, gather_numbers
 from ..smooth import has_delta, smooth_energy, straight
 from .angular import tabulate
 from .core import LobesCore
@@ -99,7 +99,7 @@ class LobesBSDF(BSDF):
         self.stack, self.mode = stack, mode
         self.published, self.symmetric = published, symmetric
         self.parameters = dict(parameters or {})
-        self.double = precision == "double"
+        self.backend, self.double = backend, precision == "double"
         self._module = backend_module(backend)
         self._cores: dict[tuple[str, bool], tuple[LobesCore, int]] = {}
         self._untabulated: set[tuple[str, bool]] = set()
@@ -244,6 +244,16 @@ class LobesBSDF(BSDF):
             return self._erred(self._colour(self._core_of(wi, False).flux(wi, same), wi), with_error)
         (value,) = self._map(lambda core, a: (core.flux(a, same),), (directions(wi, "wi"),), False)
         return self._erred(self._shaped(value, wi, wi), with_error)
+
+    def _made_of(self) -> tuple[tuple[Any, ...], dict[str, Any]]:
+        return (self.stack,), {
+            "published": self.published,
+            "symmetric": self.symmetric,
+            "parameters": as_arrays(self.parameters),
+            "backend": self.backend,
+            "precision": "double" if self.double else "single",
+            "mode": self.mode,
+        }
 
     def _map(self, run: Any, inputs: tuple[np.ndarray, ...], quick: bool = True) -> list[np.ndarray]:
         self._may_take(len(inputs[0]))

@@ -15,7 +15,7 @@ from ...optics.vectors import channels, module_of
 from ..arrays import LANES, NONE, backend_module, choice, fill, number_type, vector_type, whole
 from ..bsdf import BSDF, Sample, directions, random_numbers, same_count
 from ..ledger import Ledger, lit
-from ..numbers import gather_numbers
+from ..numbers import as_arrays, gather_numbers
 from ..smooth import has_delta
 from .core import WalkCore
 from .derivative import bind_live
@@ -66,7 +66,7 @@ class WalkBSDF(BSDF):
         self.stack = stack
         self.samples, self.seed, self.max_depth, self.mode = samples, seed, max_depth, mode
         self.parameters = dict(parameters or {})
-        self.double = precision == "double"
+        self.backend, self.double = backend, precision == "double"
         self._module = backend_module(backend)
         self._cores: dict[str, tuple[WalkCore, int]] = {}
         core, lanes = self._core(self._module)
@@ -305,6 +305,17 @@ class WalkBSDF(BSDF):
         if all(np.ndim(argument) == 1 for argument in arguments):
             values = tuple(v[0] for v in values)
         return values if len(values) > 1 else values[0]
+
+    def _made_of(self) -> tuple[tuple[Any, ...], dict[str, Any]]:
+        return (self.stack,), {
+            "samples": self.samples,
+            "seed": self.seed,
+            "max_depth": self.max_depth,
+            "parameters": as_arrays(self.parameters),
+            "backend": self.backend,
+            "precision": "double" if self.double else "single",
+            "mode": self.mode,
+        }
 
     def _may_err(self, with_error: bool) -> None:
         if with_error and self.samples < 2:
