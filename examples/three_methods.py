@@ -39,11 +39,11 @@ def draw(quick: bool) -> style.Figure:
         axes.plot(exits, exact, color=style.BLUE, label="adding")
         axes.plot(exits, close, color=style.VERMILION, ls=style.DASHES[1], label="lobes")
         axes.errorbar(exits[dots], value, 2 * error, fmt=".", color=style.INK, label="walk ± 2 errors")
-        axes.set(title=f"{name}\nlobes off: energy {energy[-1]:.3f}, curve {shape[-1]:.0%}", ylim=(0, None))
+        axes.set(title=f"{name}\nlobes off: energy {energy[-1]:.1g}, curve {shape[-1]:.0%}", ylim=(0, None))
         axes.set(xlabel="exit angle (degrees)", ylabel="f cos θ, red (1/sr)")
     figure.axes[0].legend(loc="upper left")
     typical = np.sqrt(np.mean(np.square(noise)))
-    text = f"Lobes: energy within {max(energy):.3f} of adding, curves off by {min(shape):.0%} to {max(shape):.0%}"
+    text = f"Lobes: energy within {max(energy):.1g} of adding, curves off by {min(shape):.0%} to {max(shape):.0%}"
     text += f"; the walk is off adding by {typical:.1f} of its errors"
     below = f"Light from {ANGLE}°. Energy: reflected or transmitted, the worst of 0 to 75°. Curve: area between the two"
     return titled(figure, text, below)

@@ -30,7 +30,7 @@ HEADLINES = {
     "lost_energy": (r"loses (\d+)% .* and (\d+)%.*\n.*most (\S+)%", [(67, 71), (58, 68), (0, 8)]),
     "three_methods": (
         r"within (\S+) of .* by (\d+)% to (\d+)%; .* by (\S+) of",
-        [(0, 0.02), (0, 3), (5, 60), (0, 3)],
+        [(0, 0.005), (0, 3), (5, 60), (0, 3)],
     ),
     "enamel_photograph": (
         r"back (\d+)% of red .* (\d+)% of green\n.*back (\d+)%",
