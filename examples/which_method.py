@@ -26,9 +26,12 @@ def pairs(count: int) -> np.ndarray:
 def timed(stack: ur.Stack, method: str, given: dict[str, float], w: np.ndarray, truth: np.ndarray) -> list:
     """Processor seconds to solve and evaluate (what is compiled once for all is not counted), and the error."""
     ur.solve(stack, method, **given).eval(*(w[:, :2] if method == "walk" else w))
-    start = time.process_time()
-    values = ur.solve(stack, method, **given).eval(*w)
-    return [time.process_time() - start, np.linalg.norm(values - truth) / np.linalg.norm(truth)]
+    spent: list[float] = []
+    while len(spent) < 5 and sum(spent) < 1:  # the least of what is short
+        start = time.process_time()
+        values = ur.solve(stack, method, **given).eval(*w)
+        spent.append(time.process_time() - start)
+    return [min(spent), np.linalg.norm(values - truth) / np.linalg.norm(truth)]
 
 
 def draw(quick: bool) -> style.Figure:
@@ -44,9 +47,8 @@ def draw(quick: bool) -> style.Figure:
                 x, y, side = (-6, -11, "right") if given == {"accuracy": 0.01} else (5, 4, "left")
                 text = " ".join(map(str, given.values()))
                 axes.annotate(text, at, (x, y), textcoords="offset points", color=colour, ha=side)
-        first = int(np.argmax(found["adding"][1] <= 0.01))
         walk = found["walk"][0, -1] * (found["walk"][1, -1] / 0.01) ** 2
-        said += [found["adding"][0, first], walk, found["lobes"][1, 0]]
+        said += [found["adding"][0, np.argmax(found["adding"][1] <= 0.01)], walk, found["lobes"][1, 0]]
         labelled(axes, name, "processor seconds: solving, and all values", "error (rms, of the rms value)")
     text = "Within 1%: adding in {0:.2g} s and {3:.2g} s, the walk in {1:.2g} s and {4:.2g} s"
     text += "; lobes is off by {2:.1%} and {5:.1%}"
