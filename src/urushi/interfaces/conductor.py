@@ -49,13 +49,13 @@ class BoundConductor(Interface):
             return 0 * w.x, 0 * w.x
         w, o = self.frame.enter(w), self.frame.enter(o)
         m = halfway(w, o)
-        visible, masked = self.facets.weigh(w, o, m)
+        visible, _ = self.facets.weigh(w, o, m)
         seen = at_most(w.z, o.z) > HORIZON
         if self.delta is not False:
             seen &= negate(self.delta)
         pdf = dr.select(seen, 0.25 * visible, 0)
         fresnel = fresnel_conductor(dr.dot(w, m), self.eta, self.k)
-        return fresnel * (pdf * masked), pdf
+        return fresnel * dr.select(seen, 0.25 * self.facets.single(w, o, m), 0), pdf
 
     def transmit(
         self, w: Vector, o: Vector, above: bool, part: Part = "both", rng: Generator | None = None
@@ -74,10 +74,14 @@ class BoundConductor(Interface):
             o = type(w)(-w.x, -w.y, w.z)
             return Scatter(o, fresnel_conductor(w.z, self.eta, self.k), 0 * w.x, False)
         w = self.frame.enter(w)
-        m = self.facets.sample(w, u[1], u[2])
+        return self.at_facet(w, self.facets.sample(w, u[1], u[2]))
+
+    def at_facet(self, w: Vector, m: Vector) -> Scatter:
+        """`sample` of a rough surface with the visible normal that was drawn; w and m in the interface's own frame."""
+        assert self.facets is not None
         o = reflect(w, m)
         visible, masked = self.facets.weigh(w, o, m)
-        fresnel = fresnel_conductor(at_most(at_least(dr.dot(w, m), 0), 1), self.eta, self.k)
+        fresnel = fresnel_conductor(at_least(dr.dot(w, m), 0), self.eta, self.k)
         return Scatter(self.frame.leave(o), fresnel * dr.select(o.z > 0, masked, 0), 0.25 * visible, False)
 
     def absorbs(self, w: Vector, event: Scatter) -> Array | None:

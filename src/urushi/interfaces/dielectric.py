@@ -67,10 +67,10 @@ class BoundDielectric(Interface):
             return 0 * w.x, 0 * w.x
         w, o = self.frame.enter(w), self.frame.enter(o)
         m = halfway(w, o)
-        visible, masked = self.facets.weigh(w, o, m)
-        visible = dr.select(self._rough(at_most(w.z, o.z) > HORIZON), 0.25 * visible, 0)
+        seen = self._rough(at_most(w.z, o.z) > HORIZON)
+        visible = dr.select(seen, 0.25 * self.facets.weigh(w, o, m)[0], 0)
         fresnel, _ = fresnel_dielectric(dr.dot(w, m), self.ratio(above), self.ratio(not above))
-        value = fresnel * visible * masked
+        value = fresnel * dr.select(seen, 0.25 * self.facets.single(w, o, m), 0)
         return value, visible if part == "reflect" else fresnel * visible
 
     def transmit(
@@ -99,15 +99,19 @@ class BoundDielectric(Interface):
         part: Part = "both",
         rng: Generator | None = None,
     ) -> Scatter:
-        w, facets = self.frame.enter(w), self.facets
-        eta, inv_eta = self.ratio(above), self.ratio(not above)
-        m = type(w)(0, 0, 1) if facets is None else facets.sample(w, u[1], u[2])
-        cos_w = w.z if facets is None else at_most(at_least(dr.dot(w, m), 0), 1)
+        w = self.frame.enter(w)
+        m = type(w)(0, 0, 1) if self.facets is None else self.facets.sample(w, u[1], u[2])
+        return self.at_facet(w, m, u[0], above, part)
+
+    def at_facet(self, w: Vector, m: Vector, u: Array, above: bool, part: Part) -> Scatter:
+        """`sample` with the visible normal that was drawn; w and m in the interface's own frame."""
+        facets, eta, inv_eta = self.facets, self.ratio(above), self.ratio(not above)
+        cos_w = w.z if facets is None else at_least(dr.dot(w, m), 0)
         fresnel, cos_t = fresnel_dielectric(cos_w, eta, inv_eta)
         through: Any = part == "transmit"
         weight = 1.0 + 0 * w.x
         if part == "both":
-            through = u[0] >= fresnel
+            through = u >= fresnel
         else:
             weight = 1 - fresnel if through else fresnel
         if part == "both":

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import drjit as dr
 
-from .vectors import Array, at_least, quick_root, root
+from .vectors import Array, at_least, root
 
 
 def fresnel_dielectric(cos_i: Array, eta: Array, inv_eta: Array) -> tuple[Array, Array]:
@@ -52,9 +52,10 @@ def fresnel_conductor(cos_i: Array, eta: Array, k: Array) -> Array:
     # a = eta k / b, and everything is multiplied by it instead of divided.
     difference = dr.fma(eta - k, eta + k, -sin2)
     product = eta * k
-    modulus = quick_root(dr.fma(difference, difference, at_least(dr.square(2 * product), 1e-20)))
+    modulus = dr.fma(difference, difference, at_least(dr.square(2 * product), 1e-20))
+    modulus = modulus * dr.rsqrt(modulus)
     square = 0.5 * (modulus + dr.abs(difference))
-    larger = quick_root(square)
+    larger = square * dr.rsqrt(square)
     cross = 2 * cos_i * dr.select(difference > 0, square, product)
     s_sum = (modulus + cos2) * larger
     p_sum = dr.fma(modulus, cos2, dr.square(sin2)) * larger

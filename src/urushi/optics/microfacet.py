@@ -46,9 +46,9 @@ class Microfacets:
 
     def sigma(self, w: Vector) -> Array:
         """Projected area of the microsurface seen from w, over that of the surface."""
-        stretch = dr.square(self.alpha_x * w.x) + dr.square(self.alpha_y * w.y)
         if self.ggx:
-            return 0.5 * (w.z + quick_root(dr.fma(w.z, w.z, stretch)))
+            return 0.5 * (w.z + quick_root(dr.squared_norm(self._scaled(w))))
+        stretch = dr.square(self.alpha_x * w.x) + dr.square(self.alpha_y * w.y)
         spread = at_least(dr.sqrt(stretch), 1e-20)
         a = w.z / spread
         return 0.5 * (w.z * (1 + dr.erf(a)) + spread * dr.exp(-dr.square(a)) * dr.inv_sqrt_pi)
@@ -76,8 +76,23 @@ class Microfacets:
         masked = self.masked(w, o, sigma_w)
         if not self.ggx:
             return self.density(m) / at_least(sigma_w, 1e-20), masked
+        return self.norm / at_least(sigma_w * self.rarity(m), 1e-30), masked
+
+    def single(self, w: Vector, o: Vector, m: Vector) -> Array:
+        """The product of both of `weigh`, with one division less."""
+        sigma_w = self.sigma(w)
+        if not (self.ggx and self.correlated):
+            visible, masked = self.weigh(w, o, m)
+            return visible * masked
+        both = dr.fma(sigma_w - w.z, o.z, self.sigma(o) * w.z)
+        return self.norm * o.z / at_least(both * self.rarity(m), 1e-30)
+
+    def rarity(self, m: Vector) -> Array:
+        """1 / D(m), in units of what it is for the normal of the surface."""
+        if not self.ggx:
+            return self.norm / at_least(self.density(m), 1e-18)
         slope = dr.square(m.x * self.inv_x) + dr.square(m.y * self.inv_y)
-        return self.norm / at_least(sigma_w * dr.square(dr.fma(m.z, m.z, slope)), 1e-30), masked
+        return dr.square(dr.fma(m.z, m.z, slope))
 
     def sample(self, w: Vector, u1: Array, u2: Array) -> Vector:
         """A facet normal visible from w, with density D(m) max(0, w.m) / sigma(w) per solid angle."""
@@ -85,16 +100,29 @@ class Microfacets:
 
     def _stretched(self, w: Vector) -> Vector:
         """Where w points when the roughness is scaled to 1; no direction at all in the plane of a smooth lane."""
-        s = type(w)(self.alpha_x * w.x, self.alpha_y * w.y, w.z)
+        s = self._scaled(w)
         return s * dr.rsqrt(at_least(dr.squared_norm(s), 1e-30))
 
+    def _scaled(self, w: Vector) -> Vector:
+        return type(w)(self.alpha_x * w.x, self.alpha_y * w.y, w.z)
+
     def _sample_ggx(self, w: Vector, u1: Array, u2: Array) -> Vector:
+        return dr.normalize(self.opposites(w, u1, u2)[0])
+
+    def opposites(self, w: Vector, u1: Array, u2: Array) -> tuple[Vector, Vector]:
+        """Two normals visible from w, not of unit length, each with the density of `sample`: of a GGX surface only.
+
+        They come from opposite azimuths about the mean of all, so that one is steep where the other is flat.
+        """
         s = self._stretched(w)
-        z = dr.fma(1 - u2, 1 + s.z, -s.z)
+        height = (1 - u2) * (1 + s.z)
+        z = height - s.z
         r = root((1 - z) * (1 + z))
         sin, cos = azimuth(u1)
-        t = type(w)(dr.fma(r, cos, s.x), dr.fma(r, sin, s.y), z + s.z)
-        return dr.normalize(type(w)(self.alpha_x * t.x, self.alpha_y * t.y, at_least(t.z, 0)))
+        x, y = self.alpha_x * s.x, self.alpha_y * s.y
+        dx, dy = self.alpha_x * r, self.alpha_y * r
+        one = type(w)(dr.fma(dx, cos, x), dr.fma(dy, sin, y), height)
+        return one, type(w)(dr.fma(-dx, cos, x), dr.fma(-dy, sin, y), height)
 
     def _sample_beckmann(self, w: Vector, u1: Array, u2: Array) -> Vector:
         """Slopes of a surface of unit roughness seen from the stretched direction, then stretched back.

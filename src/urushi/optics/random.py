@@ -70,6 +70,25 @@ def _float_bits(value: Array, module: Any, scalar: bool) -> Array:
     return dr.reinterpret_array(module.UInt, module.Float32(dr.detach(value)))
 
 
+def uniform_three(rng: Generator, like: Vector) -> tuple[Array, Array, Array]:
+    """Three numbers in [0, 1), the third for a choice: in single precision of the bits that the others leave, 18 of
+    them, and half-way between what these can tell apart.
+    """
+    value = float_type(like)
+    if value is not float and dr.type_v(value) != dr.VarType.Float32:
+        return uniform(rng, like), uniform(rng, like), uniform(rng, like)
+    one, two = rng.next_word(), rng.next_word()
+    rest = ((one & 511) << 9) | (two & 511)
+    if value is float:
+        return (one >> 9) * 2.0**-23, (two >> 9) * 2.0**-23, (rest + 0.5) * 2.0**-18
+    return _of_bits(one >> 9, value), _of_bits(two >> 9, value), _of_bits((rest << 5) | 16, value)
+
+
+def _of_bits(bits: Array, value: type) -> Array:
+    """23 bits as a number in [0, 1)."""
+    return dr.reinterpret_array(value, bits | 0x3F800000) - 1
+
+
 def uniform(rng: Generator, like: Vector) -> Array:
     """One number in [0, 1) per lane, in the precision of `like`."""
     value = float_type(like)
@@ -77,5 +96,5 @@ def uniform(rng: Generator, like: Vector) -> Array:
     if value is float:
         return (word >> 9) * 2.0**-23  # the same 23 bits as in single precision, for the same numbers
     if dr.type_v(value) == dr.VarType.Float32:
-        return dr.reinterpret_array(value, (word >> 9) | 0x3F800000) - 1
+        return _of_bits(word >> 9, value)
     return (value(word) + value(rng.next_word()) * 2.0**-32) * 2.0**-32 * (1 - 2.0**-53)

@@ -9,7 +9,7 @@ drawn, a connection weighs
 
     1 / (p + (1 - p) q),    q = D(normal of the last hit) / D(normal of the first hit).
 
-That is nearly the density of the same path made from the other end over that made from this one: of facets that are
+q is nearly the density of the same path made from the other end over that made from this one: of facets that are
 sampled by visible normals D / (4 sigma) is the density of a hit, all hits but the first and the last have one either
 way, and of the projected areas sigma nothing much depends. Any q that turns into its inverse with the path is unbiased.
 Of a path with one hit both ways are alike, and it weighs 1.
@@ -17,18 +17,18 @@ Of a path with one hit both ways are alike, and it weighs 1.
 
 from __future__ import annotations
 
+from typing import Any
+
 import drjit as dr
 
-from ...interfaces import Interface
 from ...interfaces.conductor import BoundConductor
 from ...interfaces.dielectric import BoundDielectric
 from ...optics.random import Generator, uniform
 from ...optics.vectors import Array, Vector, at_least
 from ..bound import BoundStack
-from .exit import DELTA
 
-#: what stands for 1 / D(normal of the first hit) before there is one; as an integer, where that is known in Python
-NONE_YET = -1
+#: cosines below this do not lower the chance of an end any more
+GRAZING = 1e-6
 
 
 def either_way(stack: BoundStack) -> bool:
@@ -39,45 +39,24 @@ def either_way(stack: BoundStack) -> bool:
     return isinstance(coat, BoundDielectric) and isinstance(base, BoundConductor) and base.delta is False
 
 
-def begin(wi: Vector, wo: Vector, rng: Generator) -> tuple[Vector, Vector, Array, Array]:
+def begin(wi: Vector, wo: Vector, rng: Generator) -> tuple[Any, Array]:
     """Draw the end.
 
     Light at grazing angles is caught more easily, so that a path begins there more often.
 
     Returns:
-        where the path begins and where it ends, the chance for that, and what brings its flux density back to that of
-        light from wi to wo.
+        mask of the paths that begin at wo, and the chance for the other end over that for the one that was drawn.
     """
-    a, b = dr.abs(wi.z), dr.abs(wo.z)
-    share = b / at_least(a + b, 1e-30)
-    turned = uniform(rng, wi) >= share
-    flux = dr.select(turned, b / at_least(a, 1e-30), 1.0)
-    return dr.select(turned, wo, wi), dr.select(turned, wi, wo), dr.select(turned, 1 - share, share), flux
+    a, b = at_least(wi.z, GRAZING), at_least(wo.z, GRAZING)
+    turned = uniform(rng, wi) * (a + b) >= b
+    return turned, dr.select(turned, b, a) * dr.rcp(dr.select(turned, a, b))
 
 
-def hit(first: Array, base: Interface, w: Vector, pdf: Array) -> Array:
-    """1 / D(normal of the first hit), after a hit by light from w whose direction was sampled with this density."""
-    this = dr.rcp(at_least(_normals(base, w, pdf), 1 / DELTA))
-    return this if isinstance(first, int) else dr.select(first < 0, this, first)
-
-
-def weight(first: Array, share: Array, base: Interface, w: Vector, pdf: Array) -> Array:
-    """What a connection at the base weighs, for light from w and this density of sampling its direction.
+def weight(first: Array, last: Array) -> Array:
+    """What a connection at the metal weighs, times the chance for the end that was drawn.
 
     Args:
-        first: what `hit` returned.
-        share: the chance for this end.
+        first: 1 / D of the normal of the first hit, times the odds of the other end that `begin` returned.
+        last: 1 / D of the normal of the last hit, in the same unit.
     """
-    if isinstance(first, int):
-        return 1.0
-    other = first * _normals(base, w, pdf)
-    return dr.select(first < 0, 1.0, dr.rcp(dr.fma(1 - share, other, share)))
-
-
-def _normals(base: Interface, w: Vector, pdf: Array) -> Array:
-    """D / 4 of the normal, from the density of sampling a reflection of w by visible normals.
-
-    Detached: the weights of both ends sum to 1, whatever the parameters.
-    """
-    assert isinstance(base, BoundConductor) and base.facets is not None
-    return dr.detach(pdf * base.facets.sigma(base.frame.enter(w)))
+    return last * dr.rcp(at_least(last + first, 1e-30))

@@ -51,19 +51,22 @@ def in_stages(
     fixed: tuple[Any, ...],
     going: Callable[[dict[str, Any]], Array],
     turn: Callable[[dict[str, Any], tuple[Any, ...]], dict[str, Any]],
+    done: int = 0,
 ) -> Array:
     """The loop `while going(state): state = turn(state, fixed)`; returns `state["light"]` of every lane.
 
     Args:
         state: numbers, directions, a generator and None, by name; all that a turn changes.
         fixed: what a turn only reads that differs from lane to lane.
+        done: turns that the paths have made already.
     """
     module, lanes = module_of(state["d"]), dr.width(state["d"])
     index = dr.arange(module.UInt, lanes)
     valid, result = module.Bool(True), None
     while _many(lanes):
-        for _ in range(TURNS):
+        for _ in range(TURNS - done):
             state = turn(state, fixed)
+        done = 0
         if result is None:
             result = state["light"]
         else:

@@ -29,8 +29,9 @@ from ...optics.random import Generator, uniform
 from ...optics.vectors import Array, Vector, at_least, at_most, channels, mirror, negate, peak
 from ..bound import CALM, BoundStack
 from ..direct import direct, direct_is_certain
+from .coated import between
 from .derivative import MOST_SWEEPS, relative, run
-from .ends import NONE_YET, begin, either_way, hit, weight
+from .ends import either_way
 from .exit import DELTA, Exit, flux_back, sample_exit
 from .stages import in_stages
 
@@ -68,18 +69,12 @@ def estimate(
     seen = spectrum(certain if direct_is_certain(stack) else certain + direct(stack, wi, wo, rng))
     if len(stack.interfaces) == 1:
         return seen + 0 * wi.x
-    share = None
+    staged = staged and _lingers(stack)
     if _connects_only(stack) and either_way(stack):
-        wi, wo, share, flux = begin(wi, wo, rng)
+        return between(stack, wi, wo, rng, spectrum, max_depth, staged, seen)
     way_out = sample_exit(stack, wo, rng, spectrum)
-    if share is not None:
-        way_out.weight = way_out.weight * flux
     state = _enter(stack, wi, way_out, rng, spectrum, max_depth)
     state["light"] = spectrum(state["light"] + seen)
-    staged = staged and _lingers(stack)
-    state["share"], state["first"] = share, None
-    if share is not None:
-        state["first"] = NONE_YET if staged else NONE_YET + 0 * wi.x
     threshold = _roulette_threshold(stack)
 
     def body(stack: BoundStack, s: State, wo: Vector = wo, way_out: Exit = way_out) -> State:
@@ -285,8 +280,6 @@ def _meet(
     s["throughput"] = dr.select(here, s["throughput"] * event.weight, s["throughput"])
     if s["pdf"] is not None:
         s["pdf"] = dr.select(here, _density(interface, event, s["pdf"], w, down), s["pdf"])
-    if s["first"] is not None and interface.opaque:
-        s["first"] = dr.select(here, hit(s["first"], interface, w, event.pdf), s["first"])
     s["d"] = dr.select(here, o, d)
     if s["t"] is not None:
         s["t"] = dr.select(here, entry_height(o), s["t"])
@@ -328,8 +321,6 @@ def _connect(
         )
         if s["pdf"] is not None and not interface.flat:
             value = value * _weight(way_out.pdf, pdf * way_out.jacobian)
-        if s["first"] is not None:
-            value = value * weight(s["first"], s["share"], interface, w, pdf)
         s["light"] = s["light"] + dr.select(here & meets, s["throughput"] * way_out.carry(value, region), 0)
 
 
