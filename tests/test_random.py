@@ -11,7 +11,7 @@ import pytest
 
 from chi2 import SIGNIFICANCE, mean_p_value, p_value
 from lanes import DOUBLE, SINGLE, Lanes, hemisphere, needs_llvm
-from urushi.optics.random import generator, uniform
+from urushi.optics.random import generator, uniform, uniform_three
 
 pytestmark = needs_llvm
 
@@ -144,3 +144,30 @@ def test_numbers_are_uniform_and_below_one(lanes: Lanes, rng: np.random.Generato
     stream.a, stream.b, stream.c, stream.count = (llvm.UInt(x) for x in (0xFFFFFFFF, 0, 0xFFFFFFFF, 0))
     largest = np.array(uniform(stream, w))[0]
     assert 1 - 1e-6 < largest < 1
+
+
+def test_three_numbers_of_two_words(rng: np.random.Generator) -> None:
+    """The first two are `uniform`'s; the third is as even, independent of both, and the same in scalar form."""
+    import drjit.llvm.ad as llvm
+
+    w = SINGLE.vectors(SINGLE.rounded(hemisphere(rng, 1 << 18)))
+    start = (w, [w.x, w.y, w.z], llvm.UInt(5), llvm.UInt(0))
+    again, stream = generator(*start), generator(*start)
+    one, two, three = (np.array(x, np.float64) for x in uniform_three(stream, w))
+    assert np.array_equal(one, np.array(uniform(again, w))) and np.array_equal(
+        two, np.array(uniform(again, w))
+    )
+    assert np.array_equal(np.array(stream.a), np.array(again.a))
+    assert three.min() > 0 and three.max() < 1
+    cells = np.histogram(three, 4096, (0, 1))[0]
+    assert p_value(cells, np.full(4096, len(three) / 4096)) > SIGNIFICANCE
+    for other in (one, two):
+        assert mean_p_value((three - 0.5) * (other - 0.5), 0.0) > SIGNIFICANCE
+        square = np.histogram2d(three, other, 32, ((0, 1), (0, 1)))[0].ravel()
+        assert p_value(square, np.full(1024, len(three) / 1024)) > SIGNIFICANCE
+    single = dr.scalar.Array3f(*(float(np.array(x)[7]) for x in w))
+    found = uniform_three(generator(single, [*single], 5, 0), single)
+    assert found == (one[7], two[7], three[7])
+    double = DOUBLE.vectors(hemisphere(rng, 1000))
+    numbers = uniform_three(generator(double, [double.x], llvm.UInt(0), llvm.UInt(0)), double)
+    assert len({float(np.array(x)[0]) for x in numbers}) == 3 and np.array(numbers[2]).dtype == np.float64

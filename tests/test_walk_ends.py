@@ -1,4 +1,4 @@
-"""Paths that begin at either end carry the same light as those that begin at wi, and less noise."""
+"""Between a coat and a rough metal: the light of the general walk, and less noise."""
 
 from __future__ import annotations
 
@@ -26,6 +26,15 @@ BRUSHED = ur.Stack(
         ),
     ]
 )
+TURNED = ur.Stack(
+    layers=[
+        ur.Dielectric(ior=1.6, alpha=(0.04, 0.15), rotation=30),
+        ur.Conductor(material="Cu", alpha=(0.2, 0.5), rotation=70),
+    ]
+)
+DENSE_OUTSIDE = ur.Stack(
+    exterior=1.6, layers=[ur.Dielectric(ior=1.3, alpha=0.15), ur.Conductor(eta=1.1, k=2, alpha=0.3)]
+)
 
 
 def cosines() -> tuple[np.ndarray, np.ndarray]:
@@ -35,7 +44,15 @@ def cosines() -> tuple[np.ndarray, np.ndarray]:
 
 
 @pytest.mark.parametrize(
-    ("stack", "options"), [(COATED, {}), (COATED, {"max_depth": 3}), (GOLD, {}), (BRUSHED, {})]
+    ("stack", "options"),
+    [
+        (COATED, {}),
+        (COATED, {"max_depth": 3}),
+        (GOLD, {}),
+        (BRUSHED, {}),
+        (TURNED, {}),
+        (DENSE_OUTSIDE, {}),
+    ],
 )
 def test_either_end_carries_the_same_light(
     stack: ur.Stack, options: dict[str, int], monkeypatch: Any
@@ -53,11 +70,12 @@ def test_either_end_carries_the_same_light(
 
 
 def test_far_from_the_mirror_direction_noise_is_less(monkeypatch: Any) -> None:
+    """About 0.61 and 0.58 of it; straight back from normal incidence 0.93."""
     w = direction(np.cos(np.radians([30, 60])), np.zeros(2))
     _, error = ur.solve(COATED, "walk", samples=SAMPLES).eval(w, w, with_error=True)
     monkeypatch.setattr(walk, "either_way", lambda _: False)
     _, plain = ur.solve(COATED, "walk", samples=SAMPLES).eval(w, w, with_error=True)
-    assert np.all(error[:, 0] < [0.87, 0.78] * plain[:, 0])
+    assert np.all(error[:, 0] < [0.66, 0.65] * plain[:, 0])
 
 
 def test_half_a_pair_swapped_is_the_same_light_by_reciprocity() -> None:
@@ -66,3 +84,36 @@ def test_half_a_pair_swapped_is_the_same_light_by_reciprocity() -> None:
     (there, error), (back, back_error) = (bsdf.eval(a, b, with_error=True) for a, b in ((wi, wo), (wo, wi)))
     ratio = (wo[:, 2] / wi[:, 2])[:, None]
     assert np.all(np.abs(there - back * ratio) < 4.5 * np.hypot(error, back_error * ratio))
+
+
+@pytest.mark.parametrize("stack", [COATED, GOLD, BRUSHED], ids=["coated", "smooth coat", "brushed"])
+def test_plain_floats_and_double_precision_agree(stack: ur.Stack) -> None:
+    """Plain floats draw the same numbers: a few paths differ where rounding decides; doubles draw others."""
+    wi, wo = cosines()
+    options: dict[str, Any] = {"samples": 64}
+    one, other = (
+        ur.solve(stack, "walk", backend=backend, **options).eval(wi, wo) for backend in ("auto", "scalar")
+    )
+    close = np.isclose(one, other, rtol=1e-3)
+    assert close.mean() >= 0.6, (one, other)
+    (single, error), (double, double_error) = (
+        ur.solve(stack, "walk", samples=SAMPLES, precision=precision).eval(wi, wo, with_error=True)
+        for precision in ("single", "double")
+    )
+    assert np.all(np.abs(single - double) < 4.5 * np.hypot(error, double_error))
+
+
+def test_what_comes_from_below_is_dark() -> None:
+    wi, wo = cosines()
+    for a, b in ((-wi, wo), (wi, -wo), (-wi, -wo)):
+        for stack in (COATED, BRUSHED):
+            assert np.all(ur.solve(stack, "walk", samples=16).eval(a, b) == 0)
+
+
+def test_nothing_breaks_at_grazing_angles() -> None:
+    cos = np.array([1e-7, 1e-6, 1e-4, 1e-2, 0.5, 1.0])
+    wi = np.repeat(direction(cos, 0.3), len(cos), axis=0)
+    wo = np.tile(direction(cos, 0.3 + np.pi), (len(cos), 1))
+    for stack in (COATED, GOLD, BRUSHED, TURNED, DENSE_OUTSIDE):
+        found = ur.solve(stack, "walk", samples=256).eval(wi, wo)
+        assert np.all(np.isfinite(found)) and np.all(found >= 0)

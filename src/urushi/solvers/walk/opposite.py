@@ -99,7 +99,7 @@ def leans(coat: BoundDielectric, base: BoundConductor, a: Vector, b: Vector) -> 
     """`lean` for the facets that light crosses at a and at b, both outside, on its way by one hit of the metal.
 
     The slope of log D(normal half-way between a and b, both refracted), D as if GGX, times what a facet's slope turns
-    the refracted direction by.
+    the refracted direction by, sideways: that it also gets steeper or flatter counts for little.
     """
     assert base.facets is not None
     inv_eta = coat.ratio(False)
