@@ -54,7 +54,7 @@ def test_closed_form_and_nodes_are_two_streams(t: float) -> None:
     v, sharp = np.full(400, f), np.zeros((5, 400))
     v[:terms] += cut.moments * (-1.0) ** np.arange(terms)
     for n in (2, 3, 4):
-        sharp[n, :terms] = cut.times(n)[0] * (-1.0) ** (n * np.arange(terms))
+        sharp[n, :terms] = cut.times(n) * (-1.0) ** (n * np.arange(terms))
     two, three, four = few(t, np)
     angle = np.array([0.0, 0.02, 0.1, 0.4])
     away, toward = (Float64(4 * x(0.5 * angle) ** 2) for x in (np.sin, np.cos))

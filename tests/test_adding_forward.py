@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 import pytest
 from drjit.llvm.ad import Float64
@@ -20,12 +22,12 @@ def direction(theta: np.ndarray, phi: np.ndarray | float, down: bool = False) ->
     return np.stack(np.broadcast_arrays(sin * np.cos(phi), sin * np.sin(phi), -cos if down else cos), axis=-1)
 
 
-@pytest.mark.parametrize("y", [0.05, 0.8, 3.0])
-def test_peak_is_its_series(y: float) -> None:
+@pytest.mark.parametrize(("y", "z"), [(0.05, 0.04), (0.8, 0.8), (3.0, 1.0)])
+def test_peak_is_its_series(y: float, z: float) -> None:
     """With what the nodes say of it, light scattered at small angles is exp(y chi_l), all orders at once.
 
-    Nodes scatter by v_l = f + rest_l instead of chi_l; of that, light scattered once and c(y) of the high degrees of
-    light scattered twice are taken off.
+    Nodes scatter by v_l = f + rest_l instead of chi_l; of that, light scattered once and, along another way, the high
+    degrees of light scattered two to four times are taken off.
     """
     g, terms = 0.9, 20
     phase = HenyeyGreenstein(g)
@@ -33,19 +35,18 @@ def test_peak_is_its_series(y: float) -> None:
     peak = Peak(phase, terms)
     assert cut.sharp and cut.again
     angle = np.array([0.0, 0.01, 0.05, 0.2, 0.7, 1.9, 3.0])
-    chi, rest, high = g ** np.arange(400), np.zeros(400), np.zeros(400)
-    rest[:terms], high[:terms] = cut.moments * (1 - cut.forward), cut.times(2)[0] * (1 - cut.forward) ** 2
-    on_nodes = np.exp(y * rest) - 1 - y * rest - 0.5 * y**2 * high * c(y * (1 - cut.forward))
-    truth = (np.exp(y * (chi - cut.forward)) - np.exp(-y * cut.forward) - on_nodes) / y
+    chi, rest, taken = g ** np.arange(400), np.zeros(400), np.zeros(400)
+    rest[:terms] = cut.moments * (1 - cut.forward)
+    for n in (2, 3, 4):
+        high = rest[:terms] ** n * (1 - np.exp(-((np.arange(terms) / 3) ** 2)))
+        taken[:terms] += z ** (n - 1) / math.factorial(n) * high
+    on_nodes = np.exp(y * rest) - 1 - y * rest
+    truth = (np.exp(y * (chi - cut.forward)) - np.exp(-y * cut.forward) - on_nodes) / y + taken
     away, toward = (Float64(4 * x(0.5 * angle) ** 2) for x in (np.sin, np.cos))
     once = Float64(phase.eval(np.cos(angle)))
-    found = np.array(peak.scattered(once, away, toward, Float64(y), Lookup(peak.values, Float64)))
+    found = np.array(peak.scattered(once, away, toward, Float64(y), Float64(z), Lookup(peak.values, Float64)))
     truth = np.polynomial.legendre.legval(np.cos(angle), (2 * np.arange(400) + 1) / (4 * np.pi) * truth)
     assert np.abs(found - truth).max() < 3e-5 * np.abs(truth).max()
-
-
-def c(y: float) -> float:
-    return 1 / (1 + (y / 2) ** 4)
 
 
 def test_a_resolved_phase_function_has_no_peak() -> None:

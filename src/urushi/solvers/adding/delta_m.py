@@ -111,13 +111,17 @@ class Truncated:
         """Whether light scattered again within the peak has a closed form: a sharp one, either way."""
         return self.sharp and (self.forward > LEAST) != (self.backward > LEAST)
 
-    def times(self, n: int) -> tuple[np.ndarray, np.ndarray]:
-        """(L,) moments of light scattered n times but for what goes exactly on or back: high and low degrees' part."""
+    @property
+    def low(self) -> np.ndarray:
+        """(L,) what of each degree counts as low: such light is not sharp."""
         l = np.arange(len(self.moments))  # noqa: E741
-        sign = (-1.0) ** l if self.backward else np.ones(len(l))
+        return np.asarray(np.exp(-((l / (HIGH * len(l))) ** 2)))
+
+    def times(self, n: int) -> np.ndarray:
+        """(L,) high degrees of the moments of light scattered n times, but for what goes exactly on or back."""
+        sign = (-1.0) ** np.arange(len(self.moments)) if self.backward else np.ones(len(self.moments))
         found = ((sign * self.moments + self.backward) ** n - self.backward**n) * sign**n
-        low = found * np.exp(-((l / (HIGH * len(l))) ** 2))
-        return found - low, low
+        return np.asarray(found * (1 - self.low))
 
     def scale(self, depth: Any, albedo: Any) -> tuple[Any, Any]:
         """Depth and albedo of the same medium, the forward peak not counted as scattering: numbers or arrays (C,)."""

@@ -6,6 +6,7 @@ orders, and what they all need together does not fit in memory.
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Sequence
 from typing import Any, Protocol
 
 import numpy as np
@@ -124,21 +125,24 @@ class MediumLayer:
         r, t = single.operators(self._scattering(orders, first), self.depth, self.albedo)
         cut = self.truncated
         if cut.again:
-            again = [self._times(count, orders, first) for count in ((2,) if cut.forward else (2, 3, 4))]
+            again = self._again(range(2, peak.TIMES + 1) if cut.forward else (2, 3, 4), orders, first)
             if cut.forward:
-                t += peak.operator(again[0], self.depth, self.albedo)
+                t += peak.operator(again, self.depth, self.albedo)
             else:
                 sent, passed = retro.operators(cut.backward, again, self.depth, self.albedo)
                 r, t = r + sent, t + passed
         return Operator((n, n), None, r), Operator((n, n), None, t)
 
-    def _times(self, count: int, orders: range, first: int) -> media.Scattering:
+    def _again(self, times: Sequence[int], orders: range, first: int) -> Iterator[media.Scattering]:
         """Light scattered so many times, as far as it is sharp and has a closed form."""
-        _, few = self.truncated.times(count)
         low = media.Scattering.build(
-            self.mu[first:], self.weights[first:], few, orders, projection=self.projection
+            self.mu[first:],
+            self.weights[first:],
+            self.truncated.low,
+            orders,
+            projection=self.projection,
         )
-        return self._scattering(orders, first).times(count, low, self.truncated.backward)
+        return self._scattering(orders, first).powers(times, low, self.truncated.backward)
 
 
 class TurnedOver:

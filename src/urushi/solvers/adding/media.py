@@ -23,7 +23,7 @@ the last digit: they are what `slab` uses unless told otherwise.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import Literal, get_args
 
@@ -103,14 +103,33 @@ class Scattering:
             even, odd = even + unit, odd - unit
         return cls(mu, weights, even, odd, correction, orders.start)
 
-    @one_thread()
-    def times(self, n: int, low: Scattering, backward: float) -> Scattering:
-        """The same of light scattered n times: less what goes exactly on or back of it, and less `low`."""
+    def powers(self, times: Sequence[int], low: Scattering, backward: float) -> Iterator[Scattering]:
+        """The same of light scattered n times, one of `times` after the other: of high degree alone.
+
+        Args:
+            times: each n, ascending.
+            low: what keeps low degrees and leaves out high ones.
+            backward: share of what goes exactly back, which is left out of it n times.
+        """
         sign = np.where((self.first + np.arange(len(self.even))) % 2, -1.0, 1.0)[:, None, None]
-        unit = np.eye(len(self.mu)) * (backward * sign) ** n
-        even = np.linalg.matrix_power(self.even, n) - unit - low.even
-        odd = np.linalg.matrix_power(self.odd, n) - (-1.0) ** n * unit - low.odd
-        return Scattering(self.mu, self.weights, even, odd, self.correction, self.first)
+        pairs = [
+            _powers(*pair, times)
+            for pair in ((self.even, low.even, backward * sign), (self.odd, low.odd, -backward * sign))
+        ]
+        for even, odd in zip(*pairs, strict=True):
+            yield Scattering(self.mu, self.weights, even, odd, self.correction, self.first)
+
+
+def _powers(
+    matrix: np.ndarray, low: np.ndarray, back: np.ndarray, times: Sequence[int]
+) -> Iterator[np.ndarray]:
+    """(A^n - b^n) (1 - low) for each n of `times`; symmetric, as far as they commute."""
+    rest = matrix - back * np.eye(matrix.shape[-1])
+    first = found = rest - rest @ low
+    for n in range(2, times[-1] + 1):
+        found = matrix @ found + back ** (n - 1) * first
+        if n in times:
+            yield 0.5 * (found + found.swapaxes(-1, -2))
 
 
 @one_thread()

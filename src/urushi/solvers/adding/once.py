@@ -93,7 +93,8 @@ class Once:
             if isinstance(peak, Retro) and table is not None:
                 more = peak.on(away, toward, t, albedo, table)
             elif isinstance(peak, Peak) and table is not None:
-                scattered = albedo * peak.scattered(medium.phase.eval(-i, o), away, toward, albedo * t, table)
+                once, mean = medium.phase.eval(-i, o), depth * (2 / (mu_i + mu_o))
+                scattered = albedo * peak.scattered(once, away, toward, albedo * t, albedo * mean, table)
         index = self.stack.indices
         near, outside = (index[1], index[0]) if to_above else (index[-2], index[-1])
         # mu_o inside cancels against the solid angle outside over that inside.

@@ -13,17 +13,17 @@ closed form (`once`) p becomes
 Nakajima & Tanaka's "IMS" (1988, eq. 24), which takes no more. Directions close to the horizon on both sides, and light
 sent back, have none of it.
 
-Of a sharp phase function (`Truncated.sharp`) light scattered twice, which between the nodes is nearly as sharp, is
-taken off what the nodes say, and added here: y / 2 c(y) times the part of high degree of (v_l - f)^2
-(`Truncated.times`), where c keeps it small for slabs so thick that this is no good guess.
+Of a sharp phase function (`Truncated.sharp`) light scattered two to four times, which between the nodes is nearly as
+sharp, is taken off what the nodes say, and added here: z^(n-1) / n! times the part of high degree of (v_l - f)^n
+(`Truncated.times`), with z = 2 a tau / (mu_i + mu_o). That need not be true, only as sharp as the truth: z is y for
+equal cosines, and where one of them is small it does not outgrow the light that fades.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from functools import lru_cache
 from math import e, factorial
-from typing import Any
 
 import drjit as dr
 import numpy as np
@@ -39,8 +39,8 @@ from .stencil import Lookup
 SMALL, MOST_TIMES = 1e-5, 10
 #: degrees to look at first, and at most; steps of the table for one wave of the highest that counts
 FIRST, LAST, STEPS = 256, 8192, 25
-#: y at which c is a half
-THICK = 2.0
+#: as often as light is scattered that is taken off the nodes
+TIMES = 4
 
 
 class Rows:
@@ -100,10 +100,11 @@ class Peak(Rows):
         rest = np.zeros(len(chi))
         rest[:terms] = cut.moments * (1 - f)
         height, degree = 4 * np.pi * float(phase.eval(np.ones(1))[0]), 2 * np.arange(len(chi)) + 1
-        twice = np.zeros(len(chi))
+        again = np.zeros((TIMES - 1, len(chi)))
         if cut.again:
-            twice[:terms] = 0.5 * (1 - f) * cut.times(2)[0]
-        rows = [rest, twice]
+            for n, row in enumerate(again, 2):
+                row[:terms] = (1 - f) / factorial(n) * cut.times(n)
+        rows = [rest, *again]
         for n in range(2, MOST_TIMES + 1):
             row = (chi**n - (rest + f) ** n + f**n) / factorial(n)
             # y^(n-1) exp(-y f) is largest for y f = n - 1
@@ -112,42 +113,47 @@ class Peak(Rows):
             rows.append(row)
         super().__init__(np.array(rows), max(terms, 0.5 * len(chi)))
 
-    def scattered(self, once: Array, away: Array, toward: Array, y: Array, table: Lookup) -> Array:
+    def scattered(self, once: Array, away: Array, toward: Array, y: Array, z: Array, table: Lookup) -> Array:
         """What p becomes.
 
         Args:
             once: p, the phase function itself.
             away, toward: squared lengths of the difference and of the sum of both ways light travels.
             y: albedo times optical depth along the way: a number or a colour.
+            z: the same along the way of the mean cosine.
             table: see `sums`.
         """
-        series, twice, *more = self.sums(away, toward, table, range(self.values.shape[1]))
-        again: Array = 0 * y
-        for p in reversed(more):
-            again = (again + p) * y
-        left, seen = dr.exp(-self.forward * y), y * (1 - self.forward)
+        series, *rows = self.sums(away, toward, table, range(self.values.shape[1]))
+        unresolved, taken = (
+            _series_in(y, rows[TIMES - 1 :]),
+            _series_in(z * (1 - self.forward), rows[: TIMES - 1]),
+        )
+        left = dr.exp(-self.forward * y)
         # What is taken off the nodes may be negative: it meets what they have more.
-        return at_least(left * (once + again) + (1 - left) * series, 0) + seen * thin(seen) * twice
+        return at_least(left * (once + unresolved) + (1 - left) * series, 0) + taken
 
 
-def thin(y: Any) -> Any:
-    """c(y), of any kind of number."""
-    square = (y * (1 / THICK)) * (y * (1 / THICK))
-    return 1 / (1 + square * square)
+def _series_in(x: Array, rows: Sequence[Array]) -> Array:
+    """x r_1 + x^2 r_2 + ..."""
+    found: Array = 0 * x
+    for row in reversed(rows):
+        found = (found + row) * x
+    return found
 
 
-def operator(again: Scattering, depth: np.ndarray, albedo: np.ndarray) -> np.ndarray:
-    """What of light scattered twice is taken off the nodes as it passes: (C, M, n, n).
+def operator(again: Iterable[Scattering], depth: np.ndarray, albedo: np.ndarray) -> np.ndarray:
+    """What of light scattered again is taken off the nodes as it passes: (C, M, n, n).
 
     Args:
-        again: light scattered twice, `Scattering.times`.
+        again: light scattered 2, ..., `TIMES` times on the nodes, `Scattering.powers`.
         depth, albedo: (C,) as they go with it (`Truncated.scale`).
     """
-    mu, root = again.mu, np.sqrt(again.weights)
-    a, tau = albedo[:, None, None], depth[:, None, None]
-    y = 0.5 * a * tau * (1 / mu + 1 / mu[:, None])
-    share = 0.25 * a * y * thin(y) * single.transmitted(depth, mu, mu[:, None]) * (root[:, None] / root)
-    found: np.ndarray = share[:, None] * (again.even + again.odd)
+    a, tau, found = albedo[:, None, None], depth[:, None, None], np.zeros(())
+    for n, times in enumerate(again, 2):
+        mu, root = times.mu, np.sqrt(times.weights)
+        z = a * tau * (2 / (mu + mu[:, None]))
+        share = 0.5 * a * z ** (n - 1) * single.transmitted(depth, mu, mu[:, None]) * (root[:, None] / root)
+        found = found + (share / factorial(n))[:, None] * (times.even + times.odd)
     return found
 
 

@@ -36,6 +36,8 @@ WIDE = 8
 GROWTH, SHORTEST, AIM = 1.5, 0.45, 0.7
 #: by how much a whole step makes errors smaller: no less is believed in, and no more
 SLOWEST, FASTEST = 0.75, 1 / 6
+#: a BSDF whose peak is darker than that of a diffuse black of three per cent counts as no darker
+FAINT = 0.03 / np.pi
 #: nodes beyond which refining gives up
 MOST_NODES = 1500
 
@@ -56,7 +58,7 @@ def refine(
         solve: from numbers of nodes per panel to a solution.
         counts: the numbers that should do; two solutions with fewer are tried first.
         accuracy: absolute error allowed of reflectance and transmittance, and of the BSDF relative to its peak for
-            the same angle of incidence.
+            the same angle of incidence, or to `FAINT`.
         more: False to stay with these numbers, whatever their error.
         progress: called with (nodes, error) after each solution.
         heights: see `difference`.
@@ -156,7 +158,7 @@ def changes(
         found.append(np.abs(one.albedo[side] - other.albedo[side]).max(axis=0))
         peak = np.maximum(other.peak[side], 0 if heights is None else heights[side])
         change = np.abs(one.values[side] - other.values[side]).max(axis=(0, 2, 3))
-        found.append(change / np.maximum(peak, 1e-12))
+        found.append(change / np.maximum(peak, FAINT))
     return np.concatenate(found)
 
 

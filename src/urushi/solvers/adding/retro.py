@@ -21,7 +21,7 @@ nearly as sharp, is added and taken off besides, as by `peak`.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable
 from functools import lru_cache
 from typing import Any
 
@@ -69,7 +69,7 @@ class Retro(Rows):
             rows.append((through / self.points[:, None] ** power) @ np.array(each))
         sharp = np.zeros((3, len(b)))
         for row, n in zip(sharp, (3, 2, 4), strict=True):
-            row[:terms] = cut.times(n)[0] * (-1.0) ** (n * np.arange(terms))
+            row[:terms] = cut.times(n) * (-1.0) ** (n * np.arange(terms))
         super().__init__(np.concatenate([*rows, sharp]), max(terms, 0.5 * len(chi)))
 
     def back(self, away: Array, toward: Array, t: Array, albedo: Array, table: Lookup) -> Array:
@@ -121,13 +121,13 @@ def few(t: Any, module: Any) -> tuple[Any, Any, Any]:
 
 
 def operators(
-    backward: float, again: Sequence[Scattering], depth: np.ndarray, albedo: np.ndarray
+    backward: float, again: Iterable[Scattering], depth: np.ndarray, albedo: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
     """What of this is taken off the nodes, sent back and on: (C, M, n, n) each.
 
     Args:
         backward: f.
-        again: light scattered two, three and four times on the nodes, `Scattering.times`.
+        again: light scattered two, three and four times on the nodes, `Scattering.powers`.
         depth, albedo: (C,) of the medium.
     """
     two, three, four = again
