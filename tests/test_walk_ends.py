@@ -48,6 +48,7 @@ def cosines() -> tuple[np.ndarray, np.ndarray]:
     [
         (COATED, {}),
         (COATED, {"max_depth": 3}),
+        (COATED, {"max_depth": 4}),
         (GOLD, {}),
         (BRUSHED, {}),
         (TURNED, {}),
