@@ -95,7 +95,7 @@ def test_projection_is_the_series_where_the_nodes_resolve_it() -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("case", DATA["cases"], ids=lambda c: f"g{c['g']}mu{c['mu']}")
+@pytest.mark.parametrize("case", DATA["cases"], ids=lambda c: f"g{c['g']}depth{c['depth']}mu{c['mu']}")
 def test_against_random_walks(case: dict[str, Any]) -> None:
     """Energies, and the flux around straight back and straight on, on few nodes."""
     g, mu, depth = case["g"], case["mu"], case["depth"]

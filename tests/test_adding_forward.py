@@ -75,6 +75,18 @@ def test_strongly_forward_slabs_take_few_nodes() -> None:
     assert np.allclose(back, one / np.abs(wo[:, 2]).reshape(3, -1), rtol=1e-5)
 
 
+def test_bright_slabs_take_as_few() -> None:
+    """Where most light has been scattered again and again within the peak: on 82 nodes as on 123, straight on too."""
+    bright = slab(0.99, 1.0, 1.0)
+    few, more = (ur.solve(bright, "adding", nodes=n) for n in (82, 123))
+    theta = np.radians([0.0, 34.0, 47.0, 59.0, 68.0])
+    away = np.radians([0.0, 0.7, 2.0, 5.0])
+    wi = np.repeat(direction(theta, np.pi), len(away), axis=0)
+    wo = direction((theta[:, None] + away).ravel(), 0.0, down=True)
+    one, two = (b.eval(wi, wo)[:, 0].reshape(5, -1) for b in (few, more))
+    assert (np.abs(one - two).max(axis=1) < 2e-4 * two.max(axis=1)).all()
+
+
 def test_without_the_peak_the_same_nodes_are_wrong() -> None:
     """The share of the correction itself: some per cent where it is looked for, nothing in reflection."""
     bsdf = ur.solve(slab(0.97), "adding", nodes=60)

@@ -12,7 +12,7 @@ from urushi.solvers.adding.phase import MOST_TERMS
 
 from .packing import LEAST, MIRRORED, MOST, PLANES, SIDES, UNDER
 
-VERSION = 3
+VERSION = 4
 CLOSED_FORMS = ("interface", "single", "through", "single, through", None)
 #: how close together nodes may be towards the normal
 TIGHTEST = 0.05
