@@ -14,7 +14,8 @@ At every vertex next to the way out two strategies estimate the same light, join
     arrive    go on along a sampled direction and see how much of it the exit interface sends along wo.
 
 See theory (walk.5, walk.6, walk.9 to walk.12). Where every vertex is broad (diffuse, nearly isotropic scattering,
-a base known to be no sharper than `BROAD` and its coat), connecting is as good as it gets and stands alone.
+a base known to be no sharper than `BROAD` and its coat), connecting is as good as it gets and stands alone; `coated`
+then does more for a coat over such a metal.
 """
 
 from __future__ import annotations
