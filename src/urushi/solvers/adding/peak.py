@@ -15,8 +15,8 @@ sent back, have none of it.
 
 Of a sharp phase function (`Truncated.sharp`) light scattered two to four times, which between the nodes is nearly as
 sharp, is taken off what the nodes say, and added here: z^(n-1) / n! times the part of high degree of (v_l - f)^n
-(`Truncated.times`), with z = 2 a tau / (mu_i + mu_o). That need not be true, only as sharp as the truth: z is y for
-equal cosines, and where one of them is small it does not outgrow the light that fades.
+(`Truncated.times`), with z = 2 a tau / (mu_i + mu_o) (theory (basis.21)). That need not be true, only as sharp as
+the truth: z is y for equal cosines, and where one of them is small it does not outgrow the light that fades.
 """
 
 from __future__ import annotations
