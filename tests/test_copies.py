@@ -39,7 +39,12 @@ def _lanes() -> Any:
 
 MADE: dict[str, Callable[[], Any]] = {
     "walk": lambda: ur.solve(
-        ur.Stack(layers=[COAT, HAZE, GOLD]), "walk", samples=4, seed=7, max_depth=9, mode="importance"
+        ur.Stack(layers=[COAT, HAZE, ur.Dielectric(ior=1.2, alpha=0.1)]),
+        "walk",
+        samples=4,
+        seed=7,
+        max_depth=9,
+        mode="importance",
     ),
     "walk, lanes": lambda: ur.solve(
         ur.Stack(layers=[COAT, HAZE, GOLD]),

@@ -48,7 +48,15 @@ def pairs(rng: np.random.Generator, opaque: bool) -> tuple[np.ndarray, np.ndarra
 
 
 @pytest.mark.parametrize(
-    ("stack", "options"), [(SHARP, {}), (SHARP, {"max_depth": 3}), (BROAD, {}), (ENAMEL, {}), (PANES, {})]
+    ("stack", "options"),
+    [
+        (SHARP, {}),
+        (SHARP, {"max_depth": 3}),
+        (BROAD, {}),
+        (BROAD, {"max_depth": 3}),
+        (ENAMEL, {}),
+        (PANES, {}),
+    ],
 )
 def test_stages_change_no_bit(
     stack: ur.Stack, options: dict[str, int], packed: list[int], rng: np.random.Generator, monkeypatch: Any

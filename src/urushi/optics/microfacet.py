@@ -80,10 +80,10 @@ class Microfacets:
 
     def single(self, w: Vector, o: Vector, m: Vector) -> Array:
         """The product of both of `weigh`, with one division less."""
-        sigma_w = self.sigma(w)
         if not (self.ggx and self.correlated):
             visible, masked = self.weigh(w, o, m)
             return visible * masked
+        sigma_w = self.sigma(w)
         both = dr.fma(sigma_w - w.z, o.z, self.sigma(o) * w.z)
         return self.norm * o.z / at_least(both * self.rarity(m), 1e-30)
 

@@ -10,11 +10,10 @@ for any number of lights, with derivatives in every parameter.
     flow       energies of a beam and of diffuse light  tables      energies of rough interfaces (grid, axes, settled)
     recursion  all of it, lobe after lobe               published   the same as the paper has it
     lobe       value and shape of one lobe              exit        how diffuse light leaves
-    mixture    what is sampled                          core        all of it, as a BSDF on Dr.Jit arrays
-    through    what leaves on the far side              matte       rough diffuse bases
+    through    what leaves on the far side              core        all of it, as a BSDF on Dr.Jit arrays
+    quadrature Gauss's rule over the cosine             matte       rough diffuse bases
     moments    diffuse light that is not even           mixing      what layers make of it
     slopes     interfaces with normals of their own     returns     what goes back and forth between layers
-    energies   energies direction by direction          kernels     what layers do to these (nodes)
     angular    all of it by the angle alone, looked up  rows        the table for that
     energies   what is known better, angle by angle     nodes, kernels   angles, and what layers do with light of these
     azimuths   the same of light that is not alike in all

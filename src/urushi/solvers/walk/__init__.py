@@ -7,7 +7,8 @@ would leave along wo. The mean of many paths is the truth, whatever the layers; 
     walk       one path and what it says about f(wi, wo)            exit     where a path must head to leave along wo
     trace      one path and where its light ends up                 core     all of it, as a BSDF on Dr.Jit arrays
     sharp      light between smooth interfaces that are not parallel
-    stages     many paths, packed together on the way               ends     at which end a path begins
+    coated     one path between a coat and a rough metal            ends     at which end it begins
+    opposite   which of two facets it meets                         stages   many paths, packed together on the way
     proposal   where to send samples: a mixture of known density
 
 Sources: Pharr & Hanrahan 2000; Guo, Hasan & Zhao 2018.
