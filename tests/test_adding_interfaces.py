@@ -313,6 +313,19 @@ def test_scales_repair_a_matrix() -> None:
     assert np.allclose(slab.t_down * w, np.swapaxes(slab.t_up * w, 1, 2), rtol=1e-13)
 
 
+def test_lobes_narrower_than_any_nodes_are_refused() -> None:
+    """At once, where the accuracy asks for it: a rough interface that hardly refracts, in front of a mirror."""
+    stack = ur.Stack(
+        layers=[ur.Dielectric(ior=1.466), ur.Dielectric(ior=1.48, alpha=0.1), ur.Conductor(material="Au")]
+    )
+    with pytest.raises(
+        UrushiError, match=r"accuracy: found 0.001, but .* would take \d+ nodes; allowed: .*nodes="
+    ) as said:
+        ur.solve(stack, method="adding")
+    assert "3894" in str(said.value)
+    assert ur.solve(stack, method="adding", nodes=12).diagnostics["nodes"] == 36
+
+
 def test_resolution() -> None:
     """What the lobes of a stack ask for: those of closed form do not count, those behind them do."""
     assert narrowest([0.01], [1.0, 1.5], False) is None
@@ -330,6 +343,9 @@ def test_resolution() -> None:
     assert plan(*sheet)[1] == plan([0.3, 0.3], *sheet[1:], True)[1] == 1 and plan(*sheet, True)[1] == 0.4
     assert plan(*sheet, True)[0][0] < 0.6 * plan(*sheet)[0][0]
     assert plan(*sheet, True)[0][1] < 0.3 * plan(*sheet)[0][1]
+    # Before a mirror nobody outside sees the directions of total reflection.
+    before = plan([0.1, 0.0], [1.0, 1.5], True, 1e-3, True)[0]
+    assert before[1] < 0.3 * before[0]
     few, more = (plan([0.05, 0.1], [1.0, 1.5], True, a)[0][0] for a in (1e-2, 1e-4))
     assert more > 1.8 * few
     _, (layer,) = prepared(ur.Dielectric(ior=1.5, alpha=0.1), counts=(32, 16))

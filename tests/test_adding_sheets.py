@@ -89,8 +89,11 @@ def test_the_pace_of_errors(pace: float, steps: tuple[float, float]) -> None:
     """It is found from changes over whole and shorter steps, and none faster or slower is believed in."""
     errors = 0.1 * pace ** np.array([0.0, steps[0], sum(steps)])
     before, change = -np.diff(errors)
-    found = _pace(np.array([change, 0.0, 1.0]), np.array([before, 1.0, 0.0]), steps)
+    found = _pace([np.array([before, 1.0, 0.0]), np.array([change, 0.0, 1.0])], steps)
     assert found == pytest.approx([pace, 1 / 6, 0.75], rel=2e-3)
+    longer = 0.1 * pace ** np.cumsum([0.0, *steps, 0.8])
+    first, _, last = -np.diff(longer)
+    assert _pace([np.array([x]) for x in (first, 0.0, last)], [*steps, 0.8]) == pytest.approx(pace, rel=2e-3)
     step = _step(errors[2:], found[:1], errors[2] * pace**0.8 / AIM)
     assert 0.8 <= step <= 0.86 and _step(errors[2:], found[:1], 1e-9) == 1.0
     assert GROWTH == 1.5

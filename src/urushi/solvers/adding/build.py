@@ -23,8 +23,8 @@ from .mixture import parts
 from .phase import MOST_TERMS, Phase, series, terms
 from .resolution import plan
 
-#: nodes in a panel for a medium of g = 0.5, fewest, and most to begin with
-HALF, FEWEST, MOST = 15, 10, 160
+#: nodes in a panel for a medium of g = 0.5, and fewest
+HALF, FEWEST = 15, 10
 
 
 def bind_numbers(stack: Stack) -> tuple[BoundStack, int]:
@@ -71,7 +71,7 @@ def counts(
     for part in (part for phase in phases for part in parts(phase)):
         mean = abs(float(part.moments(2)[1]))
         found = np.maximum(found, max(HALF * (0.5 / max(1 - mean, 0.03)) ** 0.75, FEWEST))
-    return [int(np.ceil(min(n, MOST))) for n in found], squeeze
+    return [int(np.ceil(n)) for n in found], squeeze
 
 
 def phase_functions(stack: Stack) -> list[Phase]:
@@ -119,6 +119,9 @@ def layers(
         if isinstance(interface, Null):
             found.append(None)
             continue
+        if interface.delta is True:
+            found.append(interface_layer(interface, grid, k, tolerance))
+            continue
         # What comes back through it from a base that is no mirror has the orders of what is below alone.
         alone = k == 0 and stack.opaque and bool(found) and stack.interfaces[-1].delta is not True
         few = alone and not complete and direct_is_certain(stack)
@@ -126,9 +129,8 @@ def layers(
         again = None if few else _met(stack, grid, k, rough)
         # Nodes close together towards the normal are there for lobes, which take all orders.
         every = complete or grid.panels[0].squeeze != 1
-        found.append(again or interface_layer(interface, grid, k, tolerance, most=most, every=every))
-        if isinstance(found[-1], RoughLayer):
-            rough[k] = found[-1]
+        rough[k] = again or interface_layer(interface, grid, k, tolerance, most=most, every=every)
+        found.append(rough[k])
     return found[::-1]
 
 

@@ -36,6 +36,8 @@ WIDE = 8
 GROWTH, SHORTEST, AIM = 1.5, 0.45, 0.7
 #: by how much a whole step makes errors smaller: no less is believed in, and no more
 SLOWEST, FASTEST = 0.75, 1 / 6
+#: changes that this is told from
+LOOKED_BACK = 3
 #: a BSDF whose peak is darker than that of a diffuse black of three per cent counts as no darker
 FAINT = 0.03 / np.pi
 #: nodes beyond which refining gives up
@@ -77,34 +79,33 @@ def refine(
         counts = _fewer(counts, step)
     coarse = Seen(solve(_fewer(counts, step)), closed)
     history: list[tuple[int, float]] = []
-    before: np.ndarray | None = None
-    steps = (step, step)
+    found, steps = [], [step]
     while True:
         fine = solve(counts)
         seen = Seen(fine, closed)
-        change = changes(coarse, seen, heights)
-        pace = None if before is None else _pace(change, before, steps)
-        left = change if pace is None else change * (pace ** steps[1] / (1 - pace ** steps[1]))
+        found.append(changes(coarse, seen, heights))
+        pace = _pace(found[-LOOKED_BACK:], steps[-LOOKED_BACK:]) if len(found) > 1 else None
+        left = found[-1] if pace is None else found[-1] * (pace ** steps[-1] / (1 - pace ** steps[-1]))
         # Three digits, never fewer than there are.
         error = float(f"{1.005 * float(left.max()):.2e}")
         history.append((len(fine.grid.s), error))
         if progress is not None:
             progress(*history[-1])
         if error <= accuracy or not more:
-            found = {
+            told = {
                 "estimated_error": error,
                 "accuracy": accuracy,
                 "seconds": round(time.perf_counter() - start, 4),
             }
-            return replace(fine, diagnostics={**fine.diagnostics, **found, "history": history})
-        steps = (steps[1], step if pace is None or step == 1 else _step(left, pace, accuracy))
-        counts = [int(np.ceil(GROWTH ** steps[1] * n)) for n in counts]
+            return replace(fine, diagnostics={**fine.diagnostics, **told, "history": history})
+        steps.append(step if pace is None or step == 1 else _step(left, pace, accuracy))
+        counts = [int(np.ceil(GROWTH ** steps[-1] * n)) for n in counts]
         if sum(counts) > MOST_NODES:
             raise UrushiError(
                 f"accuracy: found {accuracy:g}, but {len(fine.grid.s)} nodes still leave an error of {error:.2g}; "
                 "allowed: a larger one, or fixed nodes=..."
             )
-        coarse, before = seen, change
+        coarse = seen
         del fine  # as large as all else together
 
 
@@ -112,17 +113,16 @@ def _fewer(counts: list[int], step: float) -> list[int]:
     return [max(int(n / GROWTH**step), 4) for n in counts]
 
 
-def _pace(change: np.ndarray, before: np.ndarray, steps: tuple[float, float]) -> np.ndarray:
-    """By how much a whole step makes each error smaller, from the last changes over two `steps`.
+def _pace(found: Sequence[np.ndarray], steps: Sequence[float]) -> np.ndarray:
+    """By how much a whole step makes each error smaller, from the first and the last of some changes.
 
-    An error e that shrinks by p^s in a step s changes by e (1 - p^s), and the next one by e p^s (1 - p^t).
+    An error e that shrinks by p^s in a step s changes by e (1 - p^s), and after further steps t by e p^(s + t) times as
+    much as its last step makes of it. Those between may be small by chance, as what goes up and down passes 0.
     """
     pace = np.linspace(FASTEST, SLOWEST, 100)
-    first, second = pace ** steps[0], pace ** steps[1]
-    found: np.ndarray = np.interp(
-        change / np.maximum(before, 1e-300), first * (1 - second) / (1 - first), pace
-    )
-    return found
+    shrunk = pace ** sum(steps[:-1]) * (1 - pace ** steps[-1]) / (1 - pace ** steps[0])
+    rate: np.ndarray = np.interp(found[-1] / np.maximum(found[0], 1e-300), shrunk, pace)
+    return rate
 
 
 def _step(left: np.ndarray, pace: np.ndarray, accuracy: float) -> float:

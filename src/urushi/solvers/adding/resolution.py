@@ -19,9 +19,9 @@ from collections.abc import Sequence
 import numpy as np
 
 #: nodes for what has no narrow lobe, and where all is smooth; nodes per unit of log(1 / accuracy) / width; and what
-#: panels of total reflection need of the first one's number: where light outside gets there, and where none does,
-#: without and with a smooth interface to reflect it
-FEWEST, SMOOTH, DENSITY, BEYOND, WITHIN = 18, 15, 1.3, 0.6, (0.4, 0.8)
+#: panels of total reflection need of the first one's number: where light outside gets there, and where none does, of
+#: sheets, before a base, and with a smooth interface to reflect it
+FEWEST, SMOOTH, DENSITY, BEYOND, WITHIN = 18, 15, 1.3, 0.6, (0.4, 0.55, 0.8)
 #: nodes closer together towards the normal by this factor; the density that lobes then take; and the fewest nodes that
 #: are worth it: wider lobes leave more to what grazes
 SQUEEZE, SQUEEZED, WORTH = 0.4, 0.74, 45
@@ -98,12 +98,12 @@ def plan(
         if passed is not None:
             wanted = max(wanted, DENSITY * digits / passed)
         return _counts(wanted, [BEYOND * wanted] * (len(panels) - 1)), 1.0
-    outside = max(indices[0], indices[-1])
+    outside = indices[0] if opaque else max(indices[0], indices[-1])
     rough = [alpha for alpha in alphas if alpha is not None and alpha > 0]
     mirror = any(
         alpha == 0 and k + 1 < len(indices) and indices[k] != indices[k + 1] for k, alpha in enumerate(alphas)
     )
-    within = WITHIN[mirror] * max(wanted, DENSITY * digits / (2 * min(rough)))
+    within = WITHIN[2 if mirror else int(opaque)] * max(wanted, DENSITY * digits / (2 * min(rough)))
     others = [BEYOND * squeezed if index <= outside * (1 + 1e-9) else within for index in panels[1:]]
     return _counts(squeezed, others), SQUEEZE
 

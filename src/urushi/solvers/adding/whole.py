@@ -26,7 +26,7 @@ from .delta_m import peaked
 from .layers import MediumLayer
 from .media import METHODS, Method
 from .once import covers, peaks
-from .refine import AZIMUTHS, COSINES, GROWTH, Seen, difference, exits, refine
+from .refine import AZIMUTHS, COSINES, GROWTH, MOST_NODES, Seen, difference, exits, refine
 from .solution import Solution
 from .solver import cut, solve_on
 from .spectrum import Spectrum
@@ -34,8 +34,8 @@ from .table import SIDES
 from .threads import one_thread
 from .through import Through, anywhere, met
 
-#: fewest nodes to try a grid with
-FEWEST = 24
+#: fewest nodes to try a grid with, and most in a panel to begin with
+FEWEST, MOST = 24, 160
 #: the first steps of `refine` where nodes are close together towards the normal
 SHORT = 0.65
 #: see `solution`
@@ -154,7 +154,12 @@ class _Problem:
         """Nodes per panel to begin with, or those that are asked for."""
         panels = len(Grid.build([*self.indices, *self.extra], FEWEST).panels)
         if nodes is None:
-            own = self._plan[0]
+            if sum(self._plan[0]) > MOST_NODES:
+                raise UrushiError(
+                    f"accuracy: found {self.accuracy:g}, but the narrowest lobe of the stack would take "
+                    f"{sum(self._plan[0])} nodes; allowed: what {MOST_NODES} can do, fixed nodes=..., or another method"
+                )
+            own = [min(n, MOST) for n in self._plan[0]]
             return own if len(own) == panels else [own[0], *[own[-1]] * (panels - 1)]
         counts: list[Any] = list(nodes) if np.iterable(nodes) else [nodes] * panels
         if len(counts) != panels or not all(isinstance(n, Integral) and int(n) >= 4 for n in counts):
