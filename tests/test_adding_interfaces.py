@@ -14,7 +14,7 @@ from outside import cases
 from quadrature import gauss
 from surface import evaluate
 from urushi.adding import Slab, add
-from urushi.errors import UrushiError
+from urushi.errors import OutOfReach, UrushiError
 from urushi.interfaces.energy import directional
 from urushi.solvers.adding.angles import fan, ring
 from urushi.solvers.adding.balance import all_reciprocal, scales
@@ -319,7 +319,7 @@ def test_lobes_narrower_than_any_nodes_are_refused() -> None:
         layers=[ur.Dielectric(ior=1.466), ur.Dielectric(ior=1.48, alpha=0.1), ur.Conductor(material="Au")]
     )
     with pytest.raises(
-        UrushiError, match=r"accuracy: found 0.001, but .* would take \d+ nodes; allowed: .*nodes="
+        OutOfReach, match=r"accuracy: found 0.001, but .* would take \d+ nodes; allowed: .*nodes="
     ) as said:
         ur.solve(stack, method="adding")
     assert "3894" in str(said.value)

@@ -18,7 +18,7 @@ import importlib
 from typing import TYPE_CHECKING, Any
 
 from urushi import llvm as _llvm
-from urushi.errors import MaterialError, UnsupportedStack, UrushiError
+from urushi.errors import MaterialError, OutOfReach, UnsupportedStack, UrushiError
 from urushi.io import load, presets, save, schema
 from urushi.stack import (
     Conductor,
@@ -46,7 +46,7 @@ __version__ = "0.1.0"
 # fmt: off
 __all__ = [
     "Conductor", "Dielectric", "Diffuse", "GradedMedium", "HenyeyGreenstein", "Isotropic", "MaterialError", "Medium",
-    "Rayleigh", "Stack", "Tabulated", "Texture", "UnsupportedStack", "UrushiError", "add", "compare", "load", "presets",
+    "OutOfReach", "Rayleigh", "Stack", "Tabulated", "Texture", "UnsupportedStack", "UrushiError", "add", "compare", "load", "presets",
     "save", "schema", "solve",
 ]
 # fmt: on

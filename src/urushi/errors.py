@@ -51,6 +51,10 @@ class UnsupportedStack(UrushiError):
         return type(self), (self.method, self.reasons, self.alternatives)
 
 
+class OutOfReach(UrushiError):
+    """An accuracy that adding does not get to with as many nodes as it may take."""
+
+
 def close(found: object, names: Iterable[str]) -> str:
     """``did you mean 'alpha'? `` for a near miss, else nothing: for a message, before what is allowed."""
     known = {name.lower(): name for name in names}

@@ -204,7 +204,9 @@ def _solve(
             continue
         build[method] = time.perf_counter() - start
         if found is None:
-            cannot[method] = [f"it would take longer than {budget:g} s to solve this stack to {accuracy:g}"]
+            cannot[method] = [
+                f"it would take longer than {budget:g} s, or too many nodes, to solve this stack to {accuracy:g}"
+            ]
             continue
         solved[method] = found
     return solved, build, cannot

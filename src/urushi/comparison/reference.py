@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from urushi.errors import OutOfReach
 from urushi.solvers import BSDF, solve
 from urushi.solvers.adding import reasons_against
 from urushi.stack import Stack
@@ -75,7 +76,7 @@ def against_adding(stack: Stack) -> list[str]:
 
 
 def within(stack: Stack, accuracy: float, budget: float) -> BSDF | None:
-    """Adding to an accuracy, or None where that would take longer than `budget` seconds."""
+    """Adding to an accuracy, or None where that would take longer than `budget` seconds or more nodes than it may."""
     start = last = time.perf_counter()
 
     def watch(_nodes: int, error: float) -> None:
@@ -87,7 +88,7 @@ def within(stack: Stack, accuracy: float, budget: float) -> BSDF | None:
 
     try:
         return solve(stack, "adding", accuracy=accuracy, progress=watch)
-    except _Enough:
+    except (_Enough, OutOfReach):
         return None
 
 

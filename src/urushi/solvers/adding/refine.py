@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from ...errors import UrushiError
+from ...errors import OutOfReach
 from .basis import Grid
 from .retro import Retro
 from .solution import Part, Solution
@@ -72,7 +72,7 @@ def refine(
         the last solution, its diagnostics completed by "estimated_error", "accuracy", "seconds" and "history".
 
     Raises:
-        UrushiError: the accuracy is not reached with `MOST_NODES` nodes.
+        OutOfReach: the accuracy is not reached with `MOST_NODES` nodes.
     """
     start = time.perf_counter()
     if more:
@@ -101,7 +101,7 @@ def refine(
         steps.append(step if pace is None or step == 1 else _step(left, pace, accuracy))
         counts = [int(np.ceil(GROWTH ** steps[-1] * n)) for n in counts]
         if sum(counts) > MOST_NODES:
-            raise UrushiError(
+            raise OutOfReach(
                 f"accuracy: found {accuracy:g}, but {len(fine.grid.s)} nodes still leave an error of {error:.2g}; "
                 "allowed: a larger one, or fixed nodes=..."
             )

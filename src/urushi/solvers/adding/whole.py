@@ -13,7 +13,7 @@ import drjit as dr
 import numpy as np
 
 from urushi import llvm
-from urushi.errors import UrushiError
+from urushi.errors import OutOfReach, UrushiError
 from urushi.stack import Stack
 
 from ..arrays import padded
@@ -155,7 +155,7 @@ class _Problem:
         panels = len(Grid.build([*self.indices, *self.extra], FEWEST).panels)
         if nodes is None:
             if sum(self._plan[0]) > MOST_NODES:
-                raise UrushiError(
+                raise OutOfReach(
                     f"accuracy: found {self.accuracy:g}, but the narrowest lobe of the stack would take "
                     f"{sum(self._plan[0])} nodes; allowed: what {MOST_NODES} can do, fixed nodes=..., or another method"
                 )
