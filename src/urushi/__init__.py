@@ -46,8 +46,8 @@ __version__ = "0.1.0"
 # fmt: off
 __all__ = [
     "Conductor", "Dielectric", "Diffuse", "GradedMedium", "HenyeyGreenstein", "Isotropic", "MaterialError", "Medium",
-    "OutOfReach", "Rayleigh", "Stack", "Tabulated", "Texture", "UnsupportedStack", "UrushiError", "add", "compare", "load", "presets",
-    "save", "schema", "solve",
+    "OutOfReach", "Rayleigh", "Stack", "Tabulated", "Texture", "UnsupportedStack", "UrushiError", "add", "compare",
+    "load", "presets", "save", "schema", "solve",
 ]
 # fmt: on
 

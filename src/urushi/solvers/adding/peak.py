@@ -13,7 +13,7 @@ closed form (`once`) p becomes
 Nakajima & Tanaka's "IMS" (1988, eq. 24), which takes no more. Directions close to the horizon on both sides, and light
 sent back, have none of it.
 
-Of a sharp phase function (`Truncated.sharp`) light scattered two to four times, which between the nodes is nearly as
+Of a sharp phase function (`Truncated.sharp`) light scattered two to eight times, which between the nodes is nearly as
 sharp, is taken off what the nodes say, and added here: z^(n-1) / n! times the part of high degree of (v_l - f)^n
 (`Truncated.times`), with z = 2 a tau / (mu_i + mu_o) (theory (basis.21)). That need not be true, only as sharp as
 the truth: z is y for equal cosines, and where one of them is small it does not outgrow the light that fades.
@@ -40,7 +40,7 @@ SMALL, MOST_TIMES = 1e-5, 10
 #: degrees to look at first, and at most; steps of the table for one wave of the highest that counts
 FIRST, LAST, STEPS = 256, 8192, 25
 #: as often as light is scattered that is taken off the nodes
-TIMES = 4
+TIMES = 8
 
 
 class Rows:
