@@ -36,8 +36,8 @@ WIDE = 8
 GROWTH, SHORTEST, AIM = 1.5, 0.45, 0.7
 #: by how much a whole step makes errors smaller: no less is believed in, and no more
 SLOWEST, FASTEST = 0.75, 1 / 6
-#: so many changes this is told from: the fastest counts
-LOOKED_BACK = (2, 3)
+#: changes that this is told from
+LOOKED_BACK = 3
 #: a BSDF whose peak is darker than that of a diffuse black of three per cent counts as no darker
 FAINT = 0.03 / np.pi
 #: nodes beyond which refining gives up
@@ -84,8 +84,7 @@ def refine(
         fine = solve(counts)
         seen = Seen(fine, closed)
         found.append(changes(coarse, seen, heights))
-        paces = [_pace(found[-n:], steps[-n:]) for n in LOOKED_BACK if n <= len(found)]
-        pace = np.min(paces, axis=0) if paces else None
+        pace = _pace(found[-LOOKED_BACK:], steps[-LOOKED_BACK:]) if len(found) > 1 else None
         left = found[-1] if pace is None else found[-1] * (pace ** steps[-1] / (1 - pace ** steps[-1]))
         # Three digits, never fewer than there are.
         error = float(f"{1.005 * float(left.max()):.2e}")
